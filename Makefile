@@ -1,0 +1,31 @@
+.DEFAULT_GOAL := help
+.PHONY: help setup test lint lock clean
+.DELETE_ON_ERROR:
+
+help: ## list the targets
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 12
+
+setup: .venv/.installed ## make .venv from requirements.txt (every target does so first)
+
+.venv/.installed: requirements.txt workflow/setup.sh
+	@workflow/setup.sh
+	@touch $@
+
+test: .venv/.installed ## run the tests
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest
+
+lint: .venv/.installed ## check the code's and the workflow's style
+	.venv/bin/ruff check
+	.venv/bin/ruff format --check
+	.venv/bin/snakefmt --check Snakefile workflow
+	.venv/bin/snakemake --lint
+
+lock: .venv/.installed ## resolve requirements.in into requirements.txt (UPGRADE=--upgrade: newest versions)
+	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes \
+		--no-emit-index-url --no-header $(UPGRADE) requirements.in -o requirements.txt
+	sed -i '/- pip:$$/q' workflow/envs/calib.yaml
+	sed -n '/^# development/q; s/^\([^#]*[^# ]\).*/      - \1/p' requirements.in >>workflow/envs/calib.yaml
+
+clean: ## remove caches and the demo's files
+	rm -rf demo .pytest_cache .ruff_cache .hypothesis .setup.log
+	find scripts tests -name __pycache__ -prune -exec rm -rf {} +

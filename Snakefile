@@ -1,0 +1,251 @@
+"""Recordings from a motion capture room in, sensor extrinsics out.
+
+decode -> gate -> crop -> extract -> associate -> solve -> judge -> report -> export, with guess
+beside gate. One stage is one rule, one script of its name, one block of config.yaml and one log.
+"""
+
+from snakemake.utils import min_version
+
+min_version("9.0")
+
+
+configfile: "config/config.yaml"
+
+
+report: "workflow/report/workflow.rst"
+
+
+include: "workflow/common.smk"
+
+
+wildcard_constraints:
+    rig="|".join(RIGS),
+    session="|".join(SESSIONS),
+    sensor="|".join(sorted({s for r in RIGS.values() for s in r["sensors"]})),
+
+
+onsuccess:
+    last_words()
+
+
+onerror:
+    last_words()
+
+
+rule all:
+    input:
+        expand("results/{rig}/export/static_transforms.yaml", rig=RIGS),
+
+
+rule decode:
+    """What the log holds: poses, one row per sensor message, an audit."""
+    input:
+        log=lambda w: ancient(log_files(w)),
+        code=code("decode"),
+    output:
+        mocap="results/{rig}/{session}/mocap.parquet",
+        frames="results/{rig}/{session}/frames.parquet",
+        audit="results/{rig}/{session}/log.json",
+    log:
+        "results/{rig}/{session}/decode.log",
+    conda:
+        "workflow/envs/calib.yaml"
+    params:
+        options=decode_options,
+    shell:
+        "python {input.code[0]:q} --mocap {output.mocap:q} --frames {output.frames:q}"
+        " --audit {output.audit:q} --options {params.options:q} 2> {log:q}"
+
+
+rule gate:
+    """When a target is still relative to the robot."""
+    input:
+        mocap="results/{rig}/{session}/mocap.parquet",
+        audit="results/{rig}/{session}/log.json",
+        code=code("gate"),
+    output:
+        "results/{rig}/{session}/placements.parquet",
+    log:
+        "results/{rig}/{session}/gate.log",
+    conda:
+        "workflow/envs/calib.yaml"
+    params:
+        options=gate_options,
+    shell:
+        "python {input.code[0]:q} --mocap {input.mocap:q} --audit {input.audit:q}"
+        " --output {output:q} --options {params.options:q} 2> {log:q}"
+
+
+rule guess:
+    """Where to look: the first guess of a sensor's pose."""
+    input:
+        audit="results/{rig}/{session}/log.json",
+        code=code("guess"),
+    output:
+        "results/{rig}/{session}/{sensor}/guess.json",
+    log:
+        "results/{rig}/{session}/{sensor}/guess.log",
+    conda:
+        "workflow/envs/calib.yaml"
+    params:
+        options=guess_options,
+    shell:
+        "python {input.code[0]:q} --audit {input.audit:q} --output {output:q}"
+        " --options {params.options:q} 2> {log:q}"
+
+
+rule crop:
+    """Which frames show a target, and the part of each around it."""
+    input:
+        placements="results/{rig}/{session}/placements.parquet",
+        frames="results/{rig}/{session}/frames.parquet",
+        guess="results/{rig}/{session}/{sensor}/guess.json",
+        audit="results/{rig}/{session}/log.json",
+        log=lambda w: ancient(log_files(w)),
+        code=code("crop"),
+    output:
+        "results/{rig}/{session}/{sensor}/views.parquet",
+    log:
+        "results/{rig}/{session}/{sensor}/crop.log",
+    conda:
+        "workflow/envs/calib.yaml"
+    params:
+        options=crop_options,
+    shell:
+        "python {input.code[0]:q} --placements {input.placements:q} --frames {input.frames:q}"
+        " --guess {input.guess:q} --audit {input.audit:q} --output {output:q}"
+        " --options {params.options:q} 2> {log:q}"
+
+
+rule extract:
+    """What one sensor saw of the targets."""
+    input:
+        views="results/{rig}/{session}/{sensor}/views.parquet",
+        placements="results/{rig}/{session}/placements.parquet",
+        guess="results/{rig}/{session}/{sensor}/guess.json",
+        code=code("extract"),
+    output:
+        "results/{rig}/{session}/{sensor}/keypoints.parquet",
+    log:
+        "results/{rig}/{session}/{sensor}/extract.log",
+    conda:
+        "workflow/envs/calib.yaml"
+    params:
+        options=extract_options,
+    shell:
+        "python {input.code[0]:q} --views {input.views:q} --placements {input.placements:q}"
+        " --guess {input.guess:q} --output {output:q} --options {params.options:q} 2> {log:q}"
+
+
+rule associate:
+    """Which measurement belongs to which part of a target, at first."""
+    input:
+        keypoints=of_sensors("results/{rig}/{session}/{sensor}/keypoints.parquet"),
+        placements="results/{rig}/{session}/placements.parquet",
+        code=code("associate"),
+    output:
+        "results/{rig}/{session}/pairs.parquet",
+    log:
+        "results/{rig}/{session}/associate.log",
+    conda:
+        "workflow/envs/calib.yaml"
+    params:
+        options=associate_options,
+    shell:
+        "python {input.code[0]:q} --keypoints {input.keypoints:q}"
+        " --placements {input.placements:q} --output {output:q}"
+        " --options {params.options:q} 2> {log:q}"
+
+
+rule solve:
+    """All sensors, targets and sessions of a rig in one problem."""
+    input:
+        pairs=of_sessions("results/{rig}/{session}/pairs.parquet"),
+        placements=of_sessions("results/{rig}/{session}/placements.parquet"),
+        code=code("solve"),
+    output:
+        solution="results/{rig}/solution.json",
+        residuals="results/{rig}/residuals.parquet",
+        iterations="results/{rig}/iterations.parquet",
+    log:
+        "results/{rig}/solve.log",
+    conda:
+        "workflow/envs/calib.yaml"
+    params:
+        options=solve_options,
+    shell:
+        "python {input.code[0]:q} --pairs {input.pairs:q} --placements {input.placements:q}"
+        " --solution {output.solution:q} --residuals {output.residuals:q}"
+        " --iterations {output.iterations:q} --options {params.options:q} 2> {log:q}"
+
+
+rule judge:
+    """Pass, warn or fail, from stated limits."""
+    input:
+        solution="results/{rig}/solution.json",
+        code=code("judge"),
+    output:
+        calibration="results/{rig}/calibration.json",
+        verdict="results/{rig}/verdict.json",
+    log:
+        "results/{rig}/judge.log",
+    conda:
+        "workflow/envs/calib.yaml"
+    params:
+        options=judge_options,
+    shell:
+        "python {input.code[0]:q} --solution {input.solution:q}"
+        " --calibration {output.calibration:q} --verdict {output.verdict:q}"
+        " --options {params.options:q} 2> {log:q}"
+
+
+rule report:
+    """What a person must know."""
+    input:
+        calibration="results/{rig}/calibration.json",
+        verdict="results/{rig}/verdict.json",
+        residuals="results/{rig}/residuals.parquet",
+        iterations="results/{rig}/iterations.parquet",
+        audits=of_sessions("results/{rig}/{session}/log.json"),
+        placements=of_sessions("results/{rig}/{session}/placements.parquet"),
+        guesses=of_sensors("results/{rig}/{session}/{sensor}/guess.json"),
+        views=of_sensors("results/{rig}/{session}/{sensor}/views.parquet"),
+        keypoints=of_sensors("results/{rig}/{session}/{sensor}/keypoints.parquet"),
+        template=resource("workflow/report/report.html.j2"),
+        code=code("report"),
+    output:
+        html=report("results/{rig}/report.html", category="Calibration"),
+    log:
+        "results/{rig}/report.log",
+    conda:
+        "workflow/envs/calib.yaml"
+    params:
+        options=report_options,
+    shell:
+        "python {input.code[0]:q} --calibration {input.calibration:q}"
+        " --verdict {input.verdict:q} --residuals {input.residuals:q}"
+        " --iterations {input.iterations:q} --audits {input.audits:q}"
+        " --placements {input.placements:q} --guesses {input.guesses:q} --views {input.views:q}"
+        " --keypoints {input.keypoints:q} --template {input.template:q} --html {output.html:q}"
+        " --options {params.options:q} 2> {log:q}"
+
+
+rule export:
+    """Files that robots load; the one job that fails on a failed verdict."""
+    input:
+        calibration="results/{rig}/calibration.json",
+        verdict="results/{rig}/verdict.json",
+        report=ancient("results/{rig}/report.html"),
+        code=code("export"),
+    output:
+        "results/{rig}/export/static_transforms.yaml",
+    log:
+        "results/{rig}/export.log",
+    conda:
+        "workflow/envs/calib.yaml"
+    params:
+        folder=subpath(output[0], parent=True),
+        options=export_options,
+    shell:
+        "python {input.code[0]:q} --calibration {input.calibration:q}"
+        " --verdict {input.verdict:q} --output {params.folder:q} --options {params.options:q} 2> {log:q}"

@@ -1,0 +1,64 @@
+"""The first assignment of each measurement to a part of a target.
+
+Reads   keypoints.parquet of all sensors of a session, placements.parquet
+Writes  pairs.parquet: the keypoints with the feature each belongs to, -1 for none; its notes hold
+        the working pose and the status of every sensor
+Decides with calib.association, from the pose that extract worked out for each sensor.
+"""
+
+import numpy as np
+
+from calib import estimation, placements, rig, stage, tables, targets
+from calib.stage import logger
+
+MODELS = {"camera": rig.camera, "lidar": rig.Lidar.from_config}
+
+
+def assigned(name, keypoints, T_robot_sensor, places, options, shapes):
+    """Columns of pairs.parquet of one sensor."""
+    numbers = sorted(set(keypoints["placement"].tolist()))
+    setup = estimation.Setup(
+        models={name: MODELS[options["sensors"][name]["kind"]](options["sensors"][name])},
+        targets=shapes,
+        placements=[places[k] for k in numbers],
+        groups=placements.groups(keypoints, name, {k: i for i, k in enumerate(numbers)}),
+        associate=options["associate"],
+        prior={},
+    )
+    state = estimation.start(setup, {name: T_robot_sensor}, 3.0)
+    parts = [
+        g.keypoints | {"sensor": np.full(len(a.feature), name), "feature": a.feature}
+        for g, a in zip(setup.groups, estimation.assign_all(setup, state), strict=True)
+    ]
+    return tables.concatenate(parts, tables.PAIRS)
+
+
+def main(argv=None):
+    args = stage.parser(
+        __doc__,
+        keypoints="*input",
+        placements="input",
+        output="output",
+        options="slice of the config",
+    ).parse_args(argv)
+    options = args.options
+    shapes = {n: targets.from_config(c) for n, c in options["targets"].items()}
+    table, _, _ = tables.read(args.placements, tables.PLACEMENTS)
+    places = placements.still(table, "", options["targets"], options["mocap"])
+    parts, notes = [], {}
+    for path, name in zip(args.keypoints, sorted(options["sensors"]), strict=True):
+        keypoints, status, found = tables.read(path, tables.KEYPOINTS)
+        notes[name] = {k: found[k] for k in ("T_robot_sensor", "guess")}
+        notes[name]["status"] = status.to_dict()
+        if status.ok:
+            T = np.array(found["T_robot_sensor"])
+            parts.append(assigned(name, keypoints, T, places, options, shapes))
+            share = np.mean(parts[-1]["feature"] >= 0)
+            logger.info(
+                "%s: %d measurements, %.0f %% members", name, len(parts[-1]["feature"]), 100 * share
+            )
+    tables.write(args.output, tables.PAIRS, tables.concatenate(parts, tables.PAIRS), notes=notes)
+
+
+if __name__ == "__main__":
+    stage.run(main)

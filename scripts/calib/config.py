@@ -1,0 +1,123 @@
+"""What users write, loaded, validated and completed once, at the workflow's edge.
+
+Defaults live in the schemas alone. An unknown key is refused with its path and the nearest name.
+"""
+
+import difflib
+from functools import cache
+from pathlib import Path
+
+import jsonschema
+import yaml
+
+from calib.status import InputError
+
+SCHEMAS = Path(__file__).parents[2] / "workflow" / "schemas"
+
+
+@cache
+def schema(kind):
+    """The JSON Schema of config, rig, target, calibration or verdict."""
+    return yaml.safe_load((SCHEMAS / f"{kind}.schema.yaml").read_text())
+
+
+def _fill(validator, properties, instance, whole):
+    """Set the defaults of absent properties, then check them as jsonschema does."""
+    if isinstance(instance, dict):
+        for name, sub in properties.items():
+            if "default" in sub and name not in instance:
+                instance[name] = yaml.safe_load(yaml.safe_dump(sub["default"]))
+    yield from jsonschema.Draft202012Validator.VALIDATORS["properties"](
+        validator, properties, instance, whole
+    )
+
+
+Validator = jsonschema.validators.extend(jsonschema.Draft202012Validator, {"properties": _fill})
+
+
+def complete(kind, instance, where):
+    """`instance` with every default in place; `where` names the file in messages.
+
+    Raises InputError with the path of the first wrong key, what is wrong, and the remedy.
+    """
+    if not isinstance(instance, dict):
+        raise InputError(f"{where}: holds {type(instance).__name__}, expected keys and values")
+    found = Validator(schema(kind)).iter_errors(instance)
+    errors = sorted(found, key=lambda e: list(map(str, e.path)))
+    # A wrong kind or shape comes before what its own schema would have said.
+    errors = [e for e in errors if not {"then", "else"} & set(e.schema_path)] or errors
+    if errors:
+        raise InputError(f"{where}: {_explain(jsonschema.exceptions.best_match(errors))}")
+    return instance
+
+
+def _explain(error):
+    path = ".".join(str(p) for p in error.absolute_path) or "top level"
+    if error.validator == "additionalProperties":
+        allowed = sorted(error.schema.get("properties", {}))
+        # YAML reads 007, on and 2026-03-01 as keys that are no text.
+        unknown = sorted(str(k) for k in error.instance if k not in allowed)[0]
+        near = difflib.get_close_matches(unknown, allowed, 1)
+        remedy = f"did you mean {near[0]}?" if near else f"known: {', '.join(allowed)}"
+        return f"{path}: unknown key {unknown}; {remedy}"
+    if error.validator == "required":
+        missing = sorted(set(error.validator_value) - set(error.instance))
+        return f"{path}: missing key {missing[0]}"
+    if error.validator == "oneOf":
+        expected = error.schema.get("description", error.message)
+        return f"{path}: {error.instance}; expected {expected}"
+    if error.validator == "not":
+        return f"{path}: {error.instance} is a reserved name; choose another"
+    if error.validator == "pattern":
+        remedy = "use a-z, 0-9, _ and -, first a letter or digit"
+        return f"{path}: {error.instance!r} is no name; {remedy}"
+    return f"{path}: {error.message}"
+
+
+def load_yaml(path):
+    """The YAML file at path as Python values."""
+    try:
+        return yaml.safe_load(Path(path).read_text())
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; write it, README shows an example") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not valid YAML: {error}") from None
+
+
+def load(config, folder="config"):
+    """(config, rigs, targets) by name, complete, of a loaded config.yaml and its folder."""
+    config = complete("config", config, f"{folder}/config.yaml")
+    names = sorted({s["rig"] for s in config["sessions"].values()})
+    rigs = {n: _named("rig", f"{folder}/rigs/{n}.yaml") for n in names}
+    files = sorted(Path(folder, "targets").glob("*.yaml"))
+    for file in files:
+        _check_name(file)
+    targets = {f.stem: _named("target", f"{folder}/targets/{f.name}") for f in files}
+    for name, session in config["sessions"].items():
+        session["targets"] = _choose(session.get("targets"), targets, name, "targets", folder)
+        sensors = rigs[session["rig"]]["sensors"]
+        session["sensors"] = _choose(session.get("sensors"), sensors, name, "sensors", folder)
+    return config, rigs, targets
+
+
+def _named(kind, path):
+    return complete(kind, load_yaml(path), path)
+
+
+def _check_name(file):
+    """Raise InputError unless the stem of a file can name what the file holds."""
+    for error in Validator(schema("config")["$defs"]["name"]).iter_errors(file.stem):
+        raise InputError(_explain(error).replace("top level", str(file), 1))
+
+
+def _choose(wanted, known, session, what, folder):
+    if not known:
+        raise InputError(f"{folder}/{what}: no file there; a calibration needs at least one")
+    for name in wanted or ():
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            remedy = f"did you mean {near[0]}?" if near else f"known: {', '.join(sorted(known))}"
+            raise InputError(
+                f"{folder}/config.yaml: sessions.{session}.{what}: no {name} there; {remedy}"
+            )
+    return sorted(wanted or known)

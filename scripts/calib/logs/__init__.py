@@ -1,0 +1,86 @@
+"""Logs: what holds the messages of a recording.
+
+A format is one module with a class that has
+  files                       the paths it is made of, in order;
+  topics                      {name: (type, count)};
+  start                       log time of the first message, ns;
+  messages(topics)            Message after Message of those topics, in the order of log time;
+  message(topic, file, log_t, ordinal)   one message again, found through the index.
+
+To add a format: write calib/logs/<name>.py and add it to FORMATS by suffix.
+"""
+
+import hashlib
+from pathlib import Path
+
+import yaml
+
+from calib.logs import mcap
+from calib.status import InputError
+
+FORMATS = {".mcap": mcap.McapLog}
+MIB = 1 << 20
+
+
+def files_of(log):
+    """The files (paths) of a config's `log`: one file, a rosbag2 folder, or a list of files.
+
+    Raises InputError when there is none, or one that no format reads.
+    """
+    paths = [Path(p) for p in ([log] if isinstance(log, str) else log)]
+    if len(paths) == 1 and paths[0].is_dir():
+        paths = _in_folder(paths[0])
+    for path in paths:
+        if not path.is_file():
+            raise InputError(
+                f"{path}: no such log; check sessions.<name>.log in config/config.yaml"
+            )
+        if path.suffix not in FORMATS:
+            raise InputError(
+                f"{path}: a {path.suffix or 'nameless'} file, this version reads "
+                f"{', '.join(sorted(FORMATS))}; run `ros2 bag convert` or `mcap convert`"
+            )
+    return paths
+
+
+def _in_folder(folder):
+    metadata = folder / "metadata.yaml"
+    if metadata.is_file():
+        try:
+            info = yaml.safe_load(metadata.read_text())["rosbag2_bagfile_information"]
+            return [folder / Path(name).name for name in info["relative_file_paths"]]
+        except (yaml.YAMLError, KeyError, TypeError):
+            raise InputError(
+                f"{metadata}: names no files of a rosbag2 log; run `ros2 bag reindex {folder}`"
+            ) from None
+    found = sorted(p for p in folder.iterdir() if p.suffix in FORMATS)
+    if not found:
+        raise InputError(f"{folder}: no log in this folder; expected {', '.join(sorted(FORMATS))}")
+    return found
+
+
+def open_log(log):
+    """The log of a config's `log`, of the format that its suffix names."""
+    files = files_of(log)
+    return FORMATS[files[0].suffix](files)
+
+
+def fingerprint(log):
+    """One line per file: name, size, SHA-256 of its first and last MiB; no path, no date."""
+    lines = []
+    for path in files_of(log):
+        size = path.stat().st_size
+        with path.open("rb") as stream:
+            digest = hashlib.sha256(stream.read(MIB))
+            stream.seek(max(0, size - MIB))
+            digest.update(stream.read(MIB))
+        lines.append(f"{path.name} {size} {digest.hexdigest()}")
+    return lines
+
+
+def require_same(log, expected):
+    """Raise InputError unless the log still has the fingerprint that decode saw."""
+    if fingerprint(log) != expected:
+        raise InputError(
+            f"{log}: changed since it was decoded; run snakemake again so that decode runs first"
+        )

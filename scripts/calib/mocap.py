@@ -1,0 +1,156 @@
+"""Motion capture: poses of bodies over time, and when two bodies are still to each other."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib import geometry
+
+NS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Poses T (n, 4, 4) of a body at the stamps t (n,), int64 ns, increasing; max_gap, ns."""
+
+    t: np.ndarray
+    T: np.ndarray
+    max_gap: int
+
+    def at(self, t):
+        """Poses (m, 4, 4) at the times t (m,), ns, and whether they are known (m,).
+
+        Interpolated along the geodesic between the samples on both sides; unknown, and the
+        identity, before the first, after the last and in gaps longer than max_gap.
+        """
+        t = np.asarray(t, np.int64)
+        if len(self.t) == 0:
+            return np.tile(np.eye(4), (len(t), 1, 1)), np.zeros(len(t), bool)
+        right = np.clip(np.searchsorted(self.t, t), 1, max(len(self.t) - 1, 1))
+        left = right - 1
+        right = np.minimum(right, len(self.t) - 1)
+        gap = self.t[right] - self.t[left]
+        inside = (t >= self.t[left]) & (t <= self.t[right])
+        exact = (t == self.t[left]) | (t == self.t[right])
+        known = inside & (exact | (gap <= self.max_gap))
+        fraction = np.where(known & (gap > 0), (t - self.t[left]) / np.maximum(gap, 1), 0.0)
+        T = geometry.interpolate(self.T[left], self.T[right], fraction)
+        T[~known] = np.eye(4)
+        return T, known
+
+
+def trajectory(mocap, body, max_gap_s):
+    """The Trajectory of a body from the columns of mocap.parquet; faulty poses are left out."""
+    rows = (mocap["body"] == body) & (mocap["fault"] == "")
+    t = mocap["t"][rows]
+    T = geometry.from_xyz_quat(
+        mocap["xyz"][rows].reshape(-1, 3), mocap["quat"][rows].reshape(-1, 4)
+    )
+    return Trajectory(t, T, round(max_gap_s * NS))
+
+
+def faults(t, xyz, quat):
+    """What is wrong with each pose of one body in log order ("" = nothing), (n,) of str."""
+    out = np.full(len(t), "", dtype="U24")
+    norm = np.linalg.norm(quat, axis=1)
+    newest = np.maximum.accumulate(np.concatenate([[np.iinfo(np.int64).min], t[:-1]]))
+    out[t <= newest] = "stamp not increasing"
+    out[np.abs(norm - 1) > 0.01] = "quaternion not unit"
+    # A body at the origin all the time is a choice of frames; one that drops there was lost.
+    lost = (xyz == 0).all(1) & ((quat == 0).all(1) | (np.abs(quat) == [0, 0, 0, 1]).all(1))
+    out[lost & ~lost.all()] = "zeros"
+    out[~(np.isfinite(xyz).all(1) & np.isfinite(quat).all(1))] = "not a number"
+    return out
+
+
+def relative(robot, target):
+    """Trajectory of T_robot_target at the target's stamps at which the robot is known."""
+    T_map_robot, known = robot.at(target.t)
+    T = geometry.inverse(T_map_robot[known]) @ target.T[known]
+    return Trajectory(target.t[known], T, target.max_gap)
+
+
+def _window(t, half):
+    """First and one past the last index of the samples within half, ns, of each sample."""
+    return np.searchsorted(t, t - half, "left"), np.searchsorted(t, t + half, "right")
+
+
+def _slope(t, y, first, last):
+    """Least-squares slopes (n, k) of y (n, k) over t (n,), s, in the windows [first, last)."""
+
+    def total(values):
+        cumulative = np.concatenate([np.zeros((1,) + values.shape[1:]), np.cumsum(values, 0)])
+        return cumulative[last] - cumulative[first]
+
+    n = (last - first)[:, None].astype(float)
+    s, sy = total(t[:, None]), total(y)
+    spread = total(t[:, None] ** 2) - s * s / n
+    return (total(t[:, None] * y) - s * sy / n) / np.where(spread > 0, spread, np.inf)
+
+
+def speeds(trajectory, window_s):
+    """Linear (n,), m/s, and angular (n,), rad/s, speed at every sample, as slopes over a window.
+
+    A slope over all samples of the window averages the noise of the MCS, which the difference of
+    two poses would not; turning is summed from sample to sample, so it has no singular angle.
+    The slope of an oscillation vanishes where it fits the window, so its half and its quarter
+    count as well, at 1/4 and 1/16: noise, which grows with window^-1.5, stays below the whole's.
+    Infinite where the window is not covered without a gap.
+    """
+    t = trajectory.t
+    if len(t) < 3:
+        return np.full(len(t), np.inf), np.full(len(t), np.inf)
+    half = round(window_s * NS / 2)
+    seconds = (t - t[0]) / NS
+    turns = geometry.so3_log(
+        np.swapaxes(trajectory.T[:-1, :3, :3], 1, 2) @ trajectory.T[1:, :3, :3]
+    )
+    turned = np.concatenate([np.zeros((1, 3)), np.cumsum(turns, 0)])
+    moved = np.stack([trajectory.T[:, :3, 3], turned])
+    fastest = np.zeros((2, len(t)))
+    for share in (1, 2, 4):
+        first, last = _window(t, half // share)
+        slope = np.stack([np.linalg.norm(_slope(seconds, y, first, last), axis=1) for y in moved])
+        fastest = np.maximum(fastest, np.where(last - first >= 3, slope / share**2, 0.0))
+    first, last = _window(t, half)
+    fastest[:, ~(_covered(t, half, trajectory.max_gap) & (last - first >= 3))] = np.inf
+    return fastest[0], fastest[1]
+
+
+def _covered(t, half, max_gap):
+    """Whether the samples reach half, ns, to both sides of each without a gap."""
+    gaps = np.flatnonzero(np.diff(t) > max_gap)
+    starts, ends = t[np.append(0, gaps + 1)], t[np.append(gaps, len(t) - 1)]
+    part = np.searchsorted(starts, t, "right") - 1
+    return (t - half >= starts[part]) & (t + half <= ends[part])
+
+
+def still_intervals(trajectory, window_s, max_linear, max_angular, trim_s, min_duration_s):
+    """(k, 2) starts and ends, ns, of the maximal intervals without motion, trimmed at both ends."""
+    linear, angular = speeds(trajectory, window_s)
+    still = (linear < max_linear) & (angular < max_angular)
+    edges = np.diff(np.concatenate([[False], still, [False]]).astype(int))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    trim = round(trim_s * NS)
+    spans = np.column_stack([trajectory.t[starts] + trim, trajectory.t[ends] - trim])
+    return spans[spans[:, 1] - spans[:, 0] >= min_duration_s * NS].reshape(-1, 2)
+
+
+def effective_samples(xi):
+    """Number of independent samples among deviations xi (n, k), from their autocorrelation.
+
+    Sum of the correlations up to the first that is not positive (Geyer's initial sequence, cut
+    early), averaged over the components weighted by their variance.
+    """
+    n = len(xi)
+    power = (xi * xi).sum()
+    # Poses repeated to the last digit are one measurement, however often they are sent.
+    if n < 4 or power < 1e-20 * n:
+        return 1.0
+    total = 0.0
+    for lag in range(1, n // 2):
+        correlation = (xi[lag:] * xi[:-lag]).sum() / power
+        if correlation <= 0:
+            break
+        total += correlation
+    return max(1.0, n / (1 + 2 * total))

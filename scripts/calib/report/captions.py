@@ -1,0 +1,51 @@
+"""What each plot asks, how to read it, and what good looks like."""
+
+SIGMA = (
+    "Does the noise model hold? {n} residuals, rms {rms} σ; {out} beyond 3 σ (dotted), a normal "
+    "would have {expected}. {good}"
+)
+SIGMA_GOOD = "Good: bars fill the curve. Heavy tails are outliers, two humps a wrong model."
+SIGMA_EDGE = (
+    "A crossing lies anywhere between two beams, and the scans of a placement repeat it, each at "
+    "a σ wider by the root of their number: flat or narrower than the curve is right here. "
+    "Wider, or off to one side: the outline is wrong, or the beam's footprint widens it."
+)
+LENGTH = (
+    "How large are they? rms {rms} {unit}. These are {meaning}: mostly the sensor's own noise, "
+    "not the error of the calibration. Good: one peak about zero."
+)
+PIXEL = (
+    "How large are they, and do they lean one way? rms {rms} px (2-D), mean ({u}, {v}) px. Good: "
+    "one round cloud about zero. A streak points to motion or a time offset."
+)
+PLACEMENT = (
+    "Is one placement off? Good: all about 1 (dashed). One far above the rest was not still, or "
+    "the motion capture saw it wrongly."
+)
+PLACEMENT_SESSIONS = " A line parts the sessions, in order of name."
+VECTOR = (
+    "Do residuals depend on where in the image they are? Grey: every residual, × {gain}. Red: "
+    "the mean of a cell with {few} or more, × {mean_gain}; the longest is {longest} px, and "
+    "{beyond} of {cells} cells exceed 3 σ of their mean. Good: red arrows short and without "
+    "order. A pattern that turns or opens with the radius: a wrong lens model; the same way "
+    "everywhere: a time offset."
+)
+RING = (
+    "Does one beam read long or short? Dot: median, bar: 16 to 84 % of a ring's returns. Good: "
+    "dots about zero. Dots that differ by more than a third of their bars are range biases of "
+    "single beams, which the sensor's own calibration should remove."
+)
+RANGE = (
+    "Does the error grow with range? In σ, so that bars should span −1 to 1 (band) at every "
+    "range. Good: level. Bars that widen: the noise grows with range; dots that climb: a range "
+    "scale error."
+)
+INCIDENCE = (
+    "Does the error depend on how flat the beam meets the surface? Good: level, bars in the "
+    "band. Dots that leave zero at large angles: the footprint of the beam."
+)
+TIMELINE = (
+    "When was there something to see? Bars: the target is still relative to the robot. Strokes: "
+    "frames of a sensor, green used in the solve, orange kept but not used, short and grey not "
+    "kept. Good: every bar holds green strokes of every sensor that faces it."
+)

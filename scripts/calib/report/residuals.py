@@ -1,0 +1,150 @@
+"""Members, rejected measurements and their statistics, from residuals.parquet."""
+
+import numpy as np
+
+from calib import tables
+from calib.report import text
+
+BEYOND = 3.0
+NORMAL_BEYOND = 0.0026998  # share of N(0, 1) beyond 3 σ
+DOWN_WEIGHTED = 0.5
+MEANING = {
+    "corner": "pattern corners, u and v",
+    "surface": "distances of returns from the surface",
+    "edge": "angles between outline crossings and the outline",
+}
+
+
+def unit(sensor_kind, kind):
+    """(unit, factor from SI) in which residuals are printed."""
+    if sensor_kind == "camera":
+        return "px", 1.0
+    return ("°", np.degrees(1.0)) if kind == "edge" else ("mm", 1e3)
+
+
+def of(run, sensor):
+    """{kind: columns} of one sensor."""
+    rows = tables.select(run.residuals, np.asarray(run.residuals["sensor"]) == sensor)
+    kinds = sorted(set(np.asarray(rows["kind"]).tolist()))
+    return {k: tables.select(rows, rows["kind"] == k) for k in kinds}
+
+
+def members(columns):
+    """The rows that took part in the solve."""
+    return tables.select(columns, np.asarray(columns["weight"]) > 0)
+
+
+def components(columns):
+    """(n, 1 or 2) residuals: pixels have two components, distances and angles one."""
+    value = columns["value"]
+    return value if np.any(value[:, 1] != 0) else value[:, :1]
+
+
+def normalised(columns):
+    """(n, 1 or 2) residuals in units of their own σ."""
+    return components(columns) / columns["sigma"][:, None]
+
+
+def rms(values):
+    """Root mean square, or None of nothing."""
+    return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else None
+
+
+def beyond(r):
+    """How many of the normalised residuals lie beyond 3 σ, and how many of a normal would."""
+    return int(np.sum(np.abs(r) > BEYOND)), NORMAL_BEYOND * np.size(r)
+
+
+def overview(run, sensor):
+    """One row per kind of measurement: how many, how large, how many beyond 3 σ or left out."""
+    sensor_kind, rows = run.sensors[sensor]["kind"], []
+    for kind, columns in of(run, sensor).items():
+        used = members(columns)
+        n, all_rows = len(used["weight"]), len(columns["weight"])
+        name, scale = unit(sensor_kind, kind)
+        r = normalised(used) if n else np.zeros((0, 1))
+        out, expected = beyond(r)
+        rows.append(
+            {
+                "kind": kind,
+                "meaning": MEANING.get(kind, ""),
+                "handed": text.count(all_rows),
+                "used": text.count(n),
+                "left_out": text.count(all_rows - n),
+                "down": text.count(int(np.sum(used["weight"] < DOWN_WEIGHTED))),
+                "rms": f"{text.number(_norm_rms(used) * scale)} {name}" if n else text.DASH,
+                "rms_sigma": text.fixed(rms(r), 2),
+                "beyond": f"{text.count(out)} (normal: {text.number(expected, 2)})",
+            }
+        )
+    return rows
+
+
+def _norm_rms(columns):
+    return float(np.sqrt(np.mean(np.sum(components(columns) ** 2, 1))))
+
+
+def by_placement(columns):
+    """[(session, placement, members, rms in σ)] in order; columns hold members."""
+    r = normalised(columns)
+    out = []
+    for rows in groups(columns["session"], columns["placement"]):
+        key = str(columns["session"][rows[0]]), int(columns["placement"][rows[0]])
+        out.append((*key, len(rows), rms(r[rows])))
+    return out
+
+
+def groups(first, second):
+    """Rows of each pair of values of two arrays (n,), n > 0, in order of the pairs."""
+    order = np.lexsort((second, first))
+    a, b = first[order], second[order]
+    starts = np.flatnonzero((a[1:] != a[:-1]) | (b[1:] != b[:-1])) + 1
+    return np.split(order, starts)
+
+
+def view_scores(columns_by_kind):
+    """{(session, view): (placement, rms in σ, members)} over all kinds of one sensor."""
+    gathered = {}
+    for columns in columns_by_kind.values():
+        used = members(columns)
+        if not len(used["weight"]):
+            continue
+        r = normalised(used)
+        for rows in groups(used["session"], used["view"]):
+            at = str(used["session"][rows[0]]), int(used["view"][rows[0]])
+            gathered.setdefault(at, (int(used["placement"][rows[0]]), []))[1].append(
+                r[rows].ravel()
+            )
+    parts = {k: (p, np.concatenate(v)) for k, (p, v) in gathered.items()}
+    return {k: (p, rms(v), len(v)) for k, (p, v) in sorted(parts.items())}
+
+
+def noise(run):
+    """Rows of configured against re-estimated σ by sensor and kind."""
+    rows = []
+    for sensor, kinds in sorted(run.calibration["noise"]["sensors"].items()):
+        for kind, sigma in sorted(kinds.items()):
+            name, scale = unit(run.sensors[sensor]["kind"], kind)
+            given = configured(run, sensor, kind)
+            rows.append(
+                {
+                    "sensor": sensor,
+                    "kind": kind,
+                    "configured": text.number(None if given is None else given * scale),
+                    "found": text.number(sigma * scale),
+                    "ratio": text.number(None if given is None else sigma / given),
+                    "unit": name,
+                }
+            )
+    return rows
+
+
+def configured(run, sensor, kind):
+    """Median σ that the keypoints of one kind came with, or None without any."""
+    parts = []
+    for session in run.sessions.values():
+        if sensor in session.streams:
+            k = session.streams[sensor].keypoints
+            parts.append(np.asarray(k["sigma"])[np.asarray(k["kind"], str) == kind])
+    sigma = np.concatenate(parts) if parts else np.zeros(0)
+    return float(np.median(sigma)) if len(sigma) else None

@@ -1,0 +1,123 @@
+"""The inputs of the report as plain data."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from calib import geometry, rig, tables
+from calib.status import InputError, Status
+
+VIEWS = {"camera": tables.VIEWS_CAMERA, "lidar": tables.VIEWS_LIDAR}
+LIGHT = ("view", "t", "target", "placement", "kept", "reason")
+BATCH = 16
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One sensor in one session: guess, views but their payload, keypoints, outcome per view."""
+
+    sensor: str
+    guess: dict
+    views: dict
+    seen: Status
+    keypoints: dict
+    found: Status
+    outcomes: dict
+    path: Path
+
+
+@dataclass(frozen=True)
+class Session:
+    """One recording: audit, placements, their status and the targets', streams by sensor."""
+
+    audit: dict
+    placements: dict
+    status: Status
+    targets: dict
+    streams: dict
+
+
+@dataclass(frozen=True)
+class Run:
+    """All of one rig; residuals and iterations as columns, sessions by name."""
+
+    options: dict
+    calibration: dict
+    verdict: dict
+    residuals: dict
+    iterations: dict
+    sessions: dict
+
+    @property
+    def sensors(self):
+        """Content of calibration.json by sensor, in order of name."""
+        return dict(sorted(self.calibration["sensors"].items()))
+
+    def T_robot_sensor(self, sensor):
+        """The estimate (4, 4), or None."""
+        T = self.sensors[sensor]["T_robot_sensor"] if sensor in self.sensors else None
+        return None if T is None else np.array(T["matrix"])
+
+    def T_robot_target(self, session, placement, configured=False):
+        """Mean pose (4, 4) of a placement's target; its mount as estimated, or as configured."""
+        p = self.sessions[session].placements
+        row = np.flatnonzero(np.asarray(p["placement"]) == placement)[0]
+        T_robot_body = geometry.from_xyz_quat(p["xyz"][row], p["quat"][row])
+        return T_robot_body @ self.T_body_target(str(p["target"][row]), configured)
+
+    def T_sensor_target(self, sensor, session, placement):
+        """By the first guess and by the estimate, each (4, 4) or None."""
+        guess = self.sessions[session].streams[sensor].guess["T_robot_sensor"]
+        T_guess = None if guess is None else np.array(guess["matrix"])
+        out = []
+        for T, configured in ((T_guess, True), (self.T_robot_sensor(sensor), False)):
+            T_robot_target = self.T_robot_target(session, placement, configured)
+            out.append(None if T is None else geometry.inverse(T) @ T_robot_target)
+        return out
+
+    def T_body_target(self, target, configured=False):
+        """Where a target sits in its MCS body (4, 4)."""
+        estimate = self.calibration["targets"].get(target)
+        if estimate and not configured:
+            return np.array(estimate["T_body_target"]["matrix"])
+        config = self.options["targets"][target].get("T_body_target")
+        return rig.pose(config) if config else np.eye(4)
+
+
+def light(path, schema):
+    """(columns, status) of a views.parquet without the payload, which may not fit in memory."""
+    found = pq.read_schema(path)
+    have = found.metadata or {}
+    if have.get(b"table") != schema.metadata[b"table"] or not found.equals(schema):
+        raise InputError(
+            f"{path}: not a table {schema.metadata[b'table'].decode()}; run crop again"
+        )
+    table = pq.read_table(path, columns=list(LIGHT))
+    columns = {name: _numpy(table[name]) for name in LIGHT}
+    return columns, Status.from_dict(json.loads(have[b"status"]))
+
+
+def _numpy(column):
+    if pa.types.is_dictionary(column.type):
+        return np.asarray(column.to_pylist(), dtype=str)
+    return column.to_numpy()
+
+
+def payloads(path, wanted):
+    """{view: row} of some rows of a views.parquet, read a few at a time."""
+    wanted, rows, at = sorted(wanted), {}, 0
+    if not wanted:
+        return rows
+    for batch in pq.ParquetFile(path).iter_batches(BATCH):
+        for view in (v for v in wanted if at <= v < at + len(batch)):
+            rows[view] = {n: _value(batch[n][view - at]) for n in batch.schema.names}
+        at += len(batch)
+    return rows
+
+
+def _value(scalar):
+    return scalar.values.to_numpy() if isinstance(scalar, pa.ListScalar) else scalar.as_py()

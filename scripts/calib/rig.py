@@ -1,0 +1,87 @@
+"""Sensors, bodies and noise in SI units, from the config slices that a job receives."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib import geometry
+from calib.cameras import Camera
+from calib.status import InputError
+
+TYPED = 0.02  # what rounding to two decimals does to a rotation that is typed in
+
+
+def pose(config):
+    """T (4, 4) of a pose block: matrix, or xyz_m with rpy_deg or quat_xyzw.
+
+    Raises InputError where that is no rigid motion; rounding is made good.
+    """
+    if "matrix" in config:
+        return _rigid(np.asarray(config["matrix"], float))
+    if "quat_xyzw" in config:
+        norm = np.linalg.norm(config["quat_xyzw"])
+        if not abs(norm - 1) < TYPED:
+            raise InputError(f"quat_xyzw has norm {norm:.4g}, expected 1; write x, y, z, w")
+        return geometry.from_xyz_quat(config["xyz_m"], config["quat_xyzw"])
+    return geometry.from_rpy(config["xyz_m"], np.radians(config["rpy_deg"]))
+
+
+def _rigid(T):
+    """T (4, 4) with the rotation nearest to its own."""
+    R = T[:3, :3]
+    off = np.abs(R.T @ R - np.eye(3)).max()
+    if not (off < TYPED and np.linalg.det(R) > 0 and np.abs(T[3] - [0, 0, 0, 1]).max() < 1e-6):
+        raise InputError(
+            f"matrix is no rigid motion: determinant {np.linalg.det(R):.4g}, expected 1; its "
+            f"axes are off by {off:.2g} from unit and square, its last row is {T[3].tolist()}; "
+            "write rows, m, or give xyz_m with quat_xyzw"
+        )
+    return geometry.from_xyz_quat(T[:3, 3], geometry.to_quat(T))
+
+
+def pose_sigma(config):
+    """(6,) standard deviations of a twist, m and rad, of a block {xyz_m, rpy_deg}."""
+    return np.repeat([config["xyz_m"], np.radians(config["rpy_deg"])], 3)
+
+
+def pose_json(T):
+    """{xyz_m, quat_xyzw, matrix} of T (4, 4), as calibration.json states poses."""
+    return {
+        "xyz_m": T[:3, 3].tolist(),
+        "quat_xyzw": geometry.to_quat(T).tolist(),
+        "matrix": T.tolist(),
+    }
+
+
+@dataclass(frozen=True)
+class Lidar:
+    """Steps and limits of the scan pattern, rad; range limits and starting noise, m."""
+
+    azimuth_step: float
+    elevation_step: float
+    azimuth: tuple | None
+    elevation: tuple | None
+    range: tuple
+    range_sigma: float
+
+    @classmethod
+    def from_config(cls, config):
+        limits = {
+            k: tuple(np.radians(config[f"{k}_deg"])) if f"{k}_deg" in config else None
+            for k in ("azimuth", "elevation")
+        }
+        return cls(
+            azimuth_step=np.radians(config["azimuth_step_deg"]),
+            elevation_step=np.radians(config["elevation_step_deg"]),
+            range=tuple(config["range_m"]),
+            range_sigma=config["range_sigma_m"],
+            **limits,
+        )
+
+
+def camera(config):
+    """The Camera of a sensor block; raises InputError for a wrong number of params."""
+    try:
+        return Camera(config["model"], tuple(config["params"]), tuple(config["size_px"]))
+    except ValueError as error:
+        raise InputError(str(error)) from None

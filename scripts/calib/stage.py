@@ -1,0 +1,58 @@
+"""The command line that every stage script shares."""
+
+import argparse
+import json
+import logging
+import os
+import sys
+from pathlib import Path
+
+from calib.status import InputError
+
+logger = logging.getLogger("calib")
+
+
+def parser(doc, **arguments):
+    """A parser with the stage's docstring as help; each argument is --name with its help text.
+
+    A help text that begins with "*" makes the argument take any number of values.
+    """
+    p = argparse.ArgumentParser(
+        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    for name, text in arguments.items():
+        flag = "--" + name.replace("_", "-")
+        if name == "options":
+            p.add_argument(flag, required=True, type=json.loads, help=text)
+        elif text.startswith("*"):
+            p.add_argument(flag, required=True, nargs="*", type=Path, help=text[1:].strip())
+        else:
+            p.add_argument(flag, required=True, type=Path, help=text)
+    return p
+
+
+def run(main):
+    """Call a stage's main: a wrong input ends in one clear line and exit code 1, not in a trace."""
+    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(message)s")
+    try:
+        main()
+    except InputError as error:
+        logger.error("error: %s", error)
+        sys.exit(1)
+
+
+def limit_threads():
+    """Hold OpenCV to the threads that Snakemake granted; it does not ask by itself."""
+    import cv2
+
+    cv2.setNumThreads(int(os.environ.get("OMP_NUM_THREADS", "1")))
+
+
+def write_json(path, content):
+    """Write content as sorted, indented JSON; NaN and infinity are an error."""
+    Path(path).write_text(json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n")
+
+
+def read_json(path):
+    """The content of a JSON file."""
+    return json.loads(Path(path).read_text())

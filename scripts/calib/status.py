@@ -1,0 +1,40 @@
+"""How a fault of the data travels: as data, never as an exception."""
+
+from dataclasses import asdict, dataclass
+
+
+class InputError(Exception):
+    """Unreadable input or a wrong config: the one thing that ends a job, in words for its user."""
+
+
+@dataclass(frozen=True)
+class Status:
+    """Whether a thing could be done; if not why, what was found, what was expected, what to do."""
+
+    ok: bool = True
+    reason: str = ""
+    found: str = ""
+    expected: str = ""
+    remedy: str = ""
+
+    def to_dict(self):
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, d):
+        return cls(**d)
+
+    def __str__(self):
+        if self.ok:
+            return "ok"
+        parts = [self.reason]
+        parts += [f"{k} {v}" for k, v in (("found", self.found), ("expected", self.expected)) if v]
+        return "; ".join(parts) + (f". {self.remedy}" if self.remedy else "")
+
+
+OK = Status()
+
+
+def failed(reason, found="", expected="", remedy=""):
+    """A status that is not ok."""
+    return Status(False, reason, str(found), str(expected), remedy)

@@ -1,0 +1,228 @@
+"""The tables that stages exchange: one Arrow schema per file, and the only way to them.
+
+Every column states its unit, and its frame where it has one. Times are int64 ns on the log's
+clock. A table carries its status and, as JSON, what belongs to it but is no row (`notes`).
+"""
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from calib.status import OK, InputError, Status
+
+TEXT = pa.dictionary(pa.int32(), pa.string())
+
+
+def _vector(n):
+    return pa.list_(pa.float64(), n)
+
+
+def _column(name, type_, **meta):
+    return pa.field(name, type_, nullable=False, metadata=meta or None)
+
+
+def _schema(name, version, *columns):
+    return pa.schema(columns, metadata={"table": name, "version": str(version)})
+
+
+MOCAP = _schema(
+    "mocap",
+    1,
+    _column("body", TEXT),
+    _column("t", pa.int64(), unit="ns", meaning="stamp of the message"),
+    _column("log_t", pa.int64(), unit="ns", meaning="when the log took it"),
+    _column("xyz", _vector(3), unit="m", frame="map"),
+    _column("quat", _vector(4), meaning="xyzw of T_map_body"),
+    _column("fault", TEXT, meaning="empty when the pose can be used"),
+)
+
+FRAMES = _schema(
+    "frames",
+    1,
+    _column("sensor", TEXT),
+    _column("t", pa.int64(), unit="ns", meaning="stamp of the message"),
+    _column("log_t", pa.int64(), unit="ns", meaning="when the log took it"),
+    _column("size", pa.int64(), unit="byte"),
+    _column("file", pa.int32(), meaning="index into the files of the log"),
+    _column("ordinal", pa.int32(), meaning="among the topic's messages of that file and log_t"),
+)
+
+PLACEMENTS = _schema(
+    "placements",
+    1,
+    _column("placement", pa.int32(), meaning="number in the session"),
+    _column("target", TEXT),
+    _column("kind", TEXT, meaning="still or moving"),
+    _column("start", pa.int64(), unit="ns"),
+    _column("end", pa.int64(), unit="ns"),
+    _column("xyz", _vector(3), unit="m", frame="robot", meaning="of the mean T_robot_body"),
+    _column("quat", _vector(4), meaning="xyzw of the mean T_robot_body"),
+    _column("samples", pa.int32(), meaning="MCS poses averaged"),
+    _column("effective_samples", pa.float64(), meaning="independent ones among them"),
+    _column("pose_factor", pa.float64(), meaning="σ of an averaged pose over pose_sigma"),
+    _column("covariance", _vector(36), unit="m, rad", meaning="white part, right perturbation"),
+)
+
+_VIEW = (
+    _column("view", pa.int32()),
+    _column("t", pa.int64(), unit="ns", meaning="stamp of the message"),
+    _column("target", TEXT),
+    _column("placement", pa.int32()),
+    _column("kept", pa.bool_()),
+    _column("reason", TEXT, meaning="why not kept"),
+)
+
+VIEWS_LIDAR = _schema(
+    "views-lidar",
+    1,
+    *_VIEW,
+    _column("xyz", pa.list_(pa.float32()), unit="m", frame="lidar", meaning="flattened (n, 3)"),
+    _column("ring", pa.list_(pa.int32()), meaning="beam, -1 where unknown"),
+    _column("dt", pa.list_(pa.int64()), unit="ns", meaning="time of the point after t"),
+)
+
+VIEWS_CAMERA = _schema(
+    "views-camera",
+    1,
+    *_VIEW,
+    _column("u0", pa.int32(), unit="px", meaning="column of the region's first pixel"),
+    _column("v0", pa.int32(), unit="px", meaning="row of the region's first pixel"),
+    _column("png", pa.binary(), meaning="the region, lossless"),
+)
+
+_KEYPOINT = (
+    _column("view", pa.int32()),
+    _column("t", pa.int64(), unit="ns", meaning="stamp, of the point where it has its own"),
+    _column("target", TEXT),
+    _column("placement", pa.int32()),
+    _column("kind", TEXT, meaning="corner, surface or edge"),
+    _column("index", pa.int32(), meaning="of a corner in the detected grid, of a point's ring"),
+    _column("xyz", _vector(3), unit="m", frame="lidar", meaning="point; unit ray of an edge; NaN"),
+    _column("uv", _vector(2), unit="px", meaning="corner; NaN for a lidar"),
+    _column("sigma", pa.float64(), unit="px, m or rad", meaning="corner, surface or edge"),
+)
+
+KEYPOINTS = _schema("keypoints", 1, *_KEYPOINT)
+
+PAIRS = _schema(
+    "pairs",
+    1,
+    _column("sensor", TEXT),
+    *_KEYPOINT,
+    _column("feature", pa.int32(), meaning="corner or outline edge of the target; -1 not paired"),
+)
+
+RESIDUALS = _schema(
+    "residuals",
+    1,
+    _column("session", TEXT),
+    _column("sensor", TEXT),
+    _column("target", TEXT),
+    _column("placement", pa.int32()),
+    _column("view", pa.int32()),
+    _column("kind", TEXT),
+    _column("value", _vector(2), unit="px or m", meaning="(u, v), or (distance, 0)"),
+    _column("sigma", pa.float64(), unit="px or m"),
+    _column("weight", pa.float64(), meaning="of the robust loss; 0 where not a member"),
+    _column("measured", _vector(3), unit="px or m", frame="image or target"),
+    _column("range", pa.float64(), unit="m"),
+    _column("cosine", pa.float64(), meaning="of the angle of incidence"),
+    _column("index", pa.int32(), meaning="corner of the pattern, ring of the lidar"),
+)
+
+ITERATIONS = _schema(
+    "iterations",
+    1,
+    _column("round", pa.int32()),
+    _column("cost", pa.float64()),
+    _column("ipopt_iterations", pa.int32()),
+    _column("members", pa.int64()),
+    _column("step_m", pa.float64(), unit="m", meaning="largest of all sensors"),
+    _column("step_rad", pa.float64(), unit="rad", meaning="largest of all sensors"),
+    _column("changed", pa.int64(), meaning="measurements that came, went or were re-labelled"),
+)
+
+
+def _array(field, values):
+    if pa.types.is_fixed_size_list(field.type):
+        flat = np.ascontiguousarray(np.asarray(values, float).reshape(-1))
+        return pa.FixedSizeListArray.from_arrays(pa.array(flat), field.type.list_size)
+    if pa.types.is_dictionary(field.type):
+        names, codes = np.unique(np.asarray(values, dtype=str), return_inverse=True)
+        indices = pa.array(codes.astype(np.int32).reshape(-1))
+        return pa.DictionaryArray.from_arrays(indices, pa.array(names.tolist(), pa.string()))
+    return pa.array(values if isinstance(values, list) else np.asarray(values), field.type)
+
+
+def write(path, schema, columns, status=OK, notes=None):
+    """Write columns (name -> array) with their status; none may be missing or extra."""
+    if set(columns) != set(schema.names):
+        raise ValueError(f"{path}: columns {sorted(columns)}, expected {schema.names}")
+    metadata = {
+        **schema.metadata,
+        b"status": json.dumps(status.to_dict(), sort_keys=True).encode(),
+        b"notes": json.dumps(notes if notes is not None else {}, sort_keys=True).encode(),
+    }
+    arrays = [_array(field, columns[field.name]) for field in schema]
+    table = pa.Table.from_arrays(arrays, schema=schema.with_metadata(metadata))
+    pq.write_table(table, path, compression="zstd", compression_level=1)
+
+
+def empty(schema):
+    """Columns of no row, of the types that `read` gives."""
+    return {field.name: _numpy(pa.array([], field.type)) for field in schema}
+
+
+def read(path, schema):
+    """A table written by `write` as columns (name -> array), its status and its notes.
+
+    Raises InputError for a file of another table or version.
+    """
+    found = pq.read_schema(path)
+    have = found.metadata or {}
+    want = {k: schema.metadata[k] for k in (b"table", b"version")}
+    if any(have.get(k) != v for k, v in want.items()) or not found.equals(schema):
+        raise InputError(
+            f"{path} holds {have.get(b'table', b'?').decode()} version "
+            f"{have.get(b'version', b'?').decode()}, this stage reads {want[b'table'].decode()} "
+            f"version {want[b'version'].decode()}: re-run the stage that wrote it"
+        )
+    table = pq.read_table(path)
+    columns = {name: _numpy(table[name].combine_chunks()) for name in schema.names}
+    status = Status.from_dict(json.loads(have[b"status"]))
+    return columns, status, json.loads(have[b"notes"])
+
+
+def _numpy(array):
+    if isinstance(array, pa.ChunkedArray):
+        array = pa.concat_arrays(array.chunks) if array.num_chunks else pa.array([], array.type)
+    if pa.types.is_fixed_size_list(array.type):
+        return array.flatten().to_numpy(zero_copy_only=False).reshape(-1, array.type.list_size)
+    if pa.types.is_dictionary(array.type):
+        return np.asarray(array.dictionary_decode().to_pylist(), dtype=str)
+    if pa.types.is_list(array.type):
+        return [row.values.to_numpy() for row in array]
+    if pa.types.is_binary(array.type):
+        return array.to_pylist()
+    return array.to_numpy(zero_copy_only=False)
+
+
+def select(columns, mask):
+    """The rows of columns where mask (n,) holds, or the rows of an index array."""
+    rows = np.flatnonzero(mask) if np.asarray(mask).dtype == bool else np.asarray(mask, int)
+    return {k: [v[i] for i in rows] if isinstance(v, list) else v[rows] for k, v in columns.items()}
+
+
+def concatenate(parts, schema):
+    """One set of columns from several, in order."""
+    if not parts:
+        return empty(schema)
+    return {field.name: _joined(field.type, [p[field.name] for p in parts]) for field in schema}
+
+
+def _joined(type_, parts):
+    if pa.types.is_list(type_) or pa.types.is_binary(type_):
+        return [row for part in parts for row in part]
+    return np.concatenate([np.asarray(part) for part in parts])

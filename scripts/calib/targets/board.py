@@ -1,0 +1,105 @@
+"""A flat board: its face is z = 0 of its frame, seen from +z; an outline, maybe a pattern."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.targets import patterns, polygon
+
+
+@dataclass(frozen=True)
+class Board:
+    """vertices (n, 2), m, of the outline; thickness, m; pattern or None."""
+
+    vertices: np.ndarray
+    thickness: float
+    pattern: object
+
+    name = "board"
+
+    @classmethod
+    def from_config(cls, config):
+        pattern = config.get("pattern")
+        return cls(
+            np.asarray(config["outline_m"], float),
+            config["thickness_m"],
+            patterns.from_config(pattern) if pattern else None,
+        )
+
+    @property
+    def centre(self):
+        return np.append((self.vertices.min(0) + self.vertices.max(0)) / 2, 0.0)
+
+    @property
+    def reach(self):
+        return np.linalg.norm(self.vertices - self.centre[:2], axis=1).max()
+
+    @property
+    def size(self):
+        """Largest width and the width across it."""
+        spread = self.vertices[:, None] - self.vertices[None]
+        far = np.unravel_index(np.linalg.norm(spread, axis=-1).argmax(), spread.shape[:2])
+        across = np.array([[0, -1], [1, 0]]) @ spread[far] / np.linalg.norm(spread[far])
+        return np.array([np.linalg.norm(spread[far]), np.ptp(self.vertices @ across)])
+
+    @property
+    def area(self):
+        x, y = self.vertices.T
+        return abs(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) / 2
+
+    def outline_points(self):
+        return np.column_stack([self.vertices, np.zeros(len(self.vertices))])
+
+    def distance(self, x, y, z):
+        return z
+
+    def normal(self, q):
+        return np.tile([0.0, 0.0, 1.0], (len(q), 1))
+
+    def depth(self, q):
+        return -polygon.signed_distance(self.vertices, q[:, :2])
+
+    def faces(self, p):
+        direction = p - self.centre
+        cosine = direction[2] / np.linalg.norm(direction)
+        return cosine > 0, cosine
+
+    def edges(self):
+        a = self.outline_points()
+        return np.stack([a, np.roll(a, -1, 0)], 1)
+
+    def fit(self, points, T_sensor_target, margin, lidar, options):
+        """Indices of the points (n, 3) of one cluster on the plane that holds most of them.
+
+        Planes through three points drawn at random compete; one that leans farther from the
+        expected normal than the guess may be wrong is no candidate.
+        """
+        normal = T_sensor_target[:3, 2]
+        lean = np.cos(min(np.linalg.norm(margin[3:]), np.pi / 2))
+        near = 3 * lidar.range_sigma
+        rng = np.random.default_rng(options["seed"])
+        best = _best_plane(points, normal, lean, near, rng)
+        for _ in range(5):
+            if len(best) < 3:
+                return best
+            centre = points[best].mean(0)
+            axis = np.linalg.svd(points[best] - centre, full_matrices=False)[2][2]
+            if abs(axis @ normal) < lean:
+                return best[:0]
+            inside = np.linalg.norm(points - centre, axis=1) < 1.2 * self.reach + near
+            best = np.flatnonzero((np.abs((points - centre) @ axis) < near) & inside)
+        return best
+
+
+def _best_plane(points, normal, lean, near, rng, draws=300):
+    """Indices of the points within near, m, of the best of `draws` planes through three points."""
+    triples = points[rng.integers(0, len(points), (draws, 3))]
+    n = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
+    length = np.linalg.norm(n, axis=1)
+    n /= np.maximum(length, 1e-12)[:, None]
+    offset = np.sum(n * triples[:, 0], 1)
+    inliers = np.abs(points @ n.T - offset) < near
+    valid = (length > 1e-6) & (np.abs(n @ normal) > lean)
+    votes = np.where(valid, inliers.sum(0), 0)
+    winner = votes.argmax()
+    return np.flatnonzero(inliers[:, winner]) if votes[winner] else np.zeros(0, int)

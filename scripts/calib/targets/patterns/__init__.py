@@ -1,0 +1,20 @@
+"""Printed patterns.
+
+A pattern is one module with a frozen dataclass that has
+  from_config(config)     from the `pattern` block of a target;
+  corners()               (n, 3), m, target frame;
+  detect(grey, spacing)   (n, 2) pixels in the detector's own order, or None;
+  labellings()            (m, n) every way in which the detector's order can stand for corners;
+  expected                in words, what a detection must find.
+
+To add a pattern: write calib/targets/patterns/<kind>.py and add it to PATTERNS.
+"""
+
+from calib.targets.patterns import checkerboard
+
+PATTERNS = {"checkerboard": checkerboard.Checkerboard}
+
+
+def from_config(config):
+    """The pattern of a target's `pattern` block."""
+    return PATTERNS[config["kind"]].from_config(config)

@@ -1,0 +1,129 @@
+"""Which frames may show a target, and the part of each around it.
+
+All of it rests on a guess of the sensor's pose, so every window grows by `margin` (6,): the twist
+by which the guess may be wrong, m and rad.
+"""
+
+import numpy as np
+
+from calib import geometry
+
+MIN_SQUARE_PX = 6.0
+
+
+def spread(margin, distance):
+    """Angle, rad, by which a point at distance, m, may appear beside its prediction."""
+    return np.linalg.norm(margin[3:]) / np.sqrt(3) * np.sqrt(2) + margin[:3].max() / distance
+
+
+def hidden_from_lidar(lidar, target, T_sensor_target, margin, options):
+    """Why a lidar cannot see a target well enough, in words; "" when it can."""
+    centre = geometry.transform(T_sensor_target, target.centre)
+    distance = np.linalg.norm(centre)
+    if not lidar.range[0] < distance < lidar.range[1]:
+        return f"at {distance:.1f} m, outside range_m"
+    slack = spread(margin, distance) + np.arcsin(min(1.0, target.reach / distance))
+    azimuth, elevation = np.arctan2(centre[1], centre[0]), np.arcsin(centre[2] / distance)
+    for name, angle, limits in (
+        ("azimuth", azimuth, lidar.azimuth),
+        ("elevation", elevation, lidar.elevation),
+    ):
+        if limits and not limits[0] - slack < angle < limits[1] + slack:
+            return f"outside {name}_deg"
+    reason, cosine = _turned_away(target, T_sensor_target, options)
+    expected = target.area * cosine / distance**2 / lidar.azimuth_step / lidar.elevation_step
+    if not reason and expected < options["min_returns"]:
+        return "too few returns expected"
+    return reason
+
+
+def hidden_from_camera(camera, target, T_sensor_target, margin, options):
+    """Why a camera cannot see a target's pattern, in words; "" when it can."""
+    if target.pattern is None:
+        return "no pattern on the target"
+    reason, _ = _turned_away(target, T_sensor_target, options)
+    if reason:
+        return reason
+    points = geometry.transform(T_sensor_target, target.pattern.corners())
+    uv, valid = camera.project(points)
+    if not valid.all():
+        return "outside what the lens sees"
+    if not camera.in_image(uv, -margin_px(camera, points.mean(0), margin)).all():
+        return "outside the image"
+    if np.linalg.norm(uv[1] - uv[0]) < MIN_SQUARE_PX:
+        return "squares too small"
+    return ""
+
+
+def _turned_away(target, T_sensor_target, options):
+    sensor = geometry.inverse(T_sensor_target)[:3, 3]
+    facing, cosine = target.faces(sensor)
+    if not facing:
+        return "seen from behind", 0.0
+    if cosine < np.cos(np.radians(options["max_incidence_deg"])):
+        return "seen too flat", cosine
+    return "", cosine
+
+
+def margin_px(camera, p_camera, margin):
+    """Pixels by which a point p_camera (3,), m, may appear beside its prediction."""
+    distance = np.linalg.norm(p_camera)
+    aside = spread(margin, distance) * distance
+    around = p_camera + aside * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    uv, valid = camera.project(around)
+    if not valid.all():
+        return float(max(camera.size))
+    return float(np.linalg.norm(uv[1:] - uv[0], axis=1).max())
+
+
+def cone(points, target, T_sensor_target, margin):
+    """Which points (n, 3), sensor frame, lie in the angular window around the target, any range."""
+    centre = geometry.transform(T_sensor_target, target.centre)
+    distance = np.linalg.norm(centre)
+    half = np.arcsin(min(1.0, target.reach / distance)) + spread(margin, distance)
+    along = points @ (centre / distance)
+    return along > np.cos(min(half, np.pi)) * np.linalg.norm(points, axis=1)
+
+
+def region(camera, target, T_sensor_target, margin):
+    """Columns and rows (u0, u1, v0, v1) of the image around a target, its margin included."""
+    points = geometry.transform(T_sensor_target, target.outline_points())
+    uv, valid = camera.project(points)
+    grow = margin_px(camera, points.mean(0), margin)
+    width, height = camera.size
+    if not valid.all():
+        return 0, width, 0, height
+    low, high = np.floor(uv.min(0) - grow), np.ceil(uv.max(0) + grow) + 1
+    low = np.clip(low, 0, [width, height]).astype(int)
+    high = np.clip(high, 0, [width, height]).astype(int)
+    return low[0], high[0], low[1], high[1]
+
+
+def most_different(T, min_distance, min_angle, most):
+    """Indices of at most `most` poses T (n, 4, 4), each new against all others chosen, in order.
+
+    Farthest first: the next is the one whose nearest chosen pose is farthest, with distances in
+    units of min_distance, m, and min_angle, rad; ties go to the earlier. What is left over is
+    nearer than one unit to a chosen one, or one too many.
+    """
+    if len(T) == 0:
+        return np.zeros(0, int)
+    chosen, nearest = [], np.full(len(T), np.inf)
+    while len(chosen) < most and nearest.max() >= 1:
+        chosen.append(int(nearest.argmax()))
+        away = geometry.inverse(T[chosen[-1]]) @ T
+        shift = np.linalg.norm(T[:, :3, 3] - T[chosen[-1], :3, 3], axis=1)
+        # A threshold of zero makes every pose new.
+        far = np.maximum(
+            shift / max(min_distance, 1e-9), geometry.angle(away) / max(min_angle, 1e-9)
+        )
+        nearest = np.minimum(nearest, far)
+        nearest[chosen] = -1
+    return np.sort(np.array(chosen))
+
+
+def evenly(n, most):
+    """At most `most` of the indices 0 .. n-1, evenly spread, ends included."""
+    if n <= most:
+        return np.arange(n)
+    return np.unique(np.round(np.linspace(0, n - 1, most)).astype(int))

@@ -1,0 +1,78 @@
+"""Which frames show a target, and the part of each around it, as recorded.
+
+Reads   placements.parquet, frames.parquet, guess.json, log.json, and the log at the kept frames
+Writes  views.parquet: one row per (frame, target) considered, kept or not, with its reason; for
+        the kept all beams in the angular window around the target at any range with their ring
+        and time, or the image region as PNG bytes with its offset
+Decides by field of view, stillness and newness of the pose against all kept ones. Windows grow by
+        the uncertainty of the guess: no later stage depends on where within it the guess lies.
+"""
+
+import numpy as np
+
+from calib import cropping, geometry, logs, rig, stage, tables, targets
+from calib.stage import logger
+from calib.status import OK, Status, failed
+
+
+def read_views(sensor, frames, placements, guess, options):
+    """Rows of views.parquet of a sensor whose guess and placements are known."""
+    log = logs.open_log(options["log"])
+    shapes = {n: targets.from_config(c) for n, c in options["targets"].items()}
+    mounts = {n: rig.pose(c["T_body_target"]) for n, c in options["targets"].items()}
+    T_sensor_robot = geometry.inverse(np.array(guess["T_robot_sensor"]["matrix"]))
+    T_sensor_target = T_sensor_robot @ cropping.placed(placements, mounts)
+    margin = options["crop"]["margin_sigma"] * np.array(guess["sigma"])
+
+    def message_of(i):
+        place = (int(frames[k][i]) for k in ("file", "log_t", "ordinal"))
+        return log.message(options["sensor"]["topic"], *place)
+
+    where = placements, T_sensor_target, margin
+    return cropping.rows(sensor, shapes, frames, *where, message_of, options["crop"])
+
+
+def seen(name, rows):
+    """Ok, or why a sensor has no view at all."""
+    if any(r["kept"] for r in rows):
+        return OK
+    reasons = [r["reason"] for r in rows]
+    counts = ", ".join(f"{reasons.count(r)} {r}" for r in sorted(set(reasons)))
+    return failed(
+        f"{name} has no view of a target",
+        counts or "no frame",
+        "1 or more",
+        "Check T_robot_sensor and the targets' bodies, or record this sensor's view.",
+    )
+
+
+def main(argv=None):
+    args = stage.parser(
+        __doc__,
+        placements="input",
+        frames="input",
+        guess="input",
+        audit="input log.json",
+        output="output",
+        options="slice of the config",
+    ).parse_args(argv)
+    options, name = args.options, args.options["name"]
+    logs.require_same(options["log"], stage.read_json(args.audit)["fingerprint"])
+    sensor = cropping.KINDS[options["sensor"]["kind"]](options["sensor"])
+    guess = stage.read_json(args.guess)
+    placements, gated, _ = tables.read(args.placements, tables.PLACEMENTS)
+    frames, _, _ = tables.read(args.frames, tables.FRAMES)
+    guessed = Status.from_dict(guess["status"])
+    status, rows = gated if guessed.ok else guessed, []
+    if status.ok:
+        mine = tables.select(frames, frames["sensor"] == name)
+        rows = read_views(sensor, mine, placements, guess, options)
+        status = seen(name, rows)
+    table = {k: [r[k] for r in rows] for k in sensor.schema.names if k != "view"}
+    table["view"] = np.arange(len(rows))
+    tables.write(args.output, sensor.schema, table, status)
+    logger.info("%s: kept %d of %d views", name, sum(r["kept"] for r in rows), len(rows))
+
+
+if __name__ == "__main__":
+    stage.run(main)

@@ -1,0 +1,58 @@
+"""Pass, warn or fail, per sensor and for the rig, from the limits in the config.
+
+Reads   solution.json
+Writes  calibration.json  the results as robots and people read them
+        verdict.json      the verdict, its reasons, the limits it was judged by
+"""
+
+from calib import config, stage, verdict
+from calib.stage import logger
+
+SCHEMA_VERSION = 1
+
+
+def calibration(solution, overall, reasons, levels):
+    """The content of calibration.json."""
+    keep = ("kind", "frame", "status", "guess", "T_robot_sensor", "covariance", "weakest")
+    keep += ("placements", "observations", "points", "rejected", "residual")
+    sensors = {
+        name: {k: sensor[k] for k in keep}
+        | {"verdict": levels[name], "time_offset_s": None, "intrinsics": None}
+        for name, sensor in solution["sensors"].items()
+    }
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "rig": solution["rig"],
+        "verdict": overall,
+        "reasons": reasons,
+        "sensors": sensors,
+        "joint_covariance": solution["joint_covariance"],
+        "targets": solution["targets"],
+        "sessions": dict.fromkeys(solution["provenance"]["sessions"]),
+        "noise": solution["noise"],
+        "provenance": solution["provenance"],
+    }
+
+
+def main(argv=None):
+    args = stage.parser(
+        __doc__,
+        solution="input",
+        calibration="output",
+        verdict="output",
+        options="slice of the config",
+    ).parse_args(argv)
+    limits = args.options["judge"]
+    solution = stage.read_json(args.solution)
+    overall, reasons, levels = verdict.of_rig(solution, limits)
+    result = calibration(solution, overall, reasons, levels)
+    stage.write_json(args.calibration, config.complete("calibration", result, args.calibration))
+    judged = {"verdict": overall, "reasons": reasons, "sensors": levels, "limits": limits}
+    stage.write_json(args.verdict, config.complete("verdict", judged, args.verdict))
+    logger.info("%s: %s", solution["rig"], overall)
+    for reason in reasons:
+        logger.info("%s", reason)
+
+
+if __name__ == "__main__":
+    stage.run(main)

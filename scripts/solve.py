@@ -1,0 +1,97 @@
+"""All sensors, targets and sessions of a rig in one problem.
+
+Reads   pairs.parquet and placements.parquet of all its sessions
+Writes  solution.json       poses, joint covariance, noise, observability, a status per sensor
+        residuals.parquet   one row per measurement
+        iterations.parquet  one row per round of solving and re-association
+Decides which measurements are members, with the library function that associate uses, until
+nothing moves. A sensor that the data cannot place gets no pose, and stops no other.
+"""
+
+import numpy as np
+
+from calib import estimation, placements, rig, solution, stage, tables, targets
+from calib.stage import logger
+from calib.status import Status
+
+MODELS = {"camera": rig.camera, "lidar": rig.Lidar.from_config}
+
+
+def read_sessions(args, options):
+    """(pairs columns, notes, placements by number) of every session, by name."""
+    out = {}
+    paths = zip(options["sessions"], args.pairs, args.placements, strict=True)
+    for session, pairs_path, placements_path in paths:
+        pairs, _, notes = tables.read(pairs_path, tables.PAIRS)
+        table, _, _ = tables.read(placements_path, tables.PLACEMENTS)
+        places = placements.still(table, session, options["targets"], options["mocap"])
+        out[session] = pairs, notes, places
+    return out
+
+
+def setup_of(sessions, options):
+    """The Setup of everything that was measured, and each sensor's pose to start from."""
+    places, groups, start = [], [], {}
+    for pairs, notes, numbered in sessions.values():
+        used = sorted(set(np.asarray(pairs["placement"]).tolist()))
+        index = {number: len(places) + i for i, number in enumerate(used)}
+        places += [numbered[number] for number in used]
+        for name in sorted(set(np.asarray(pairs["sensor"]).tolist())):
+            rows = tables.select(pairs, pairs["sensor"] == name)
+            groups += placements.groups(rows, name, index)
+            start.setdefault(name, np.array(notes[name]["T_robot_sensor"]))
+    setup = estimation.Setup(
+        models={n: MODELS[options["sensors"][n]["kind"]](options["sensors"][n]) for n in start},
+        targets={n: targets.from_config(c) for n, c in options["targets"].items()},
+        placements=places,
+        groups=groups,
+        associate=options["associate"],
+        prior={},
+    )
+    return setup, start
+
+
+def statuses(sessions, options):
+    """Per sensor what came of it before the solve: ok if any session saw it, and its guess."""
+    out = {}
+    for name in options["sensors"]:
+        found = [notes[name] for _, notes, _ in sessions.values() if name in notes]
+        best = next((n for n in found if n["status"]["ok"]), found[0])
+        out[name] = Status.from_dict(best["status"]), best["guess"]
+    return out
+
+
+def main(argv=None):
+    args = stage.parser(
+        __doc__,
+        pairs="*input, one per session",
+        placements="*input, one per session",
+        solution="output",
+        residuals="output",
+        iterations="output",
+        options="slice of the config",
+    ).parse_args(argv)
+    options = args.options
+    sessions = read_sessions(args, options)
+    setup, start = setup_of(sessions, options)
+    limits = [options["solve"][k] for k in ("max_rounds", "tolerance_m", "tolerance_rad")]
+    result = estimation.estimate(setup, start, *limits, noise=10.0)
+    known = statuses(sessions, options)
+    stage.write_json(args.solution, solution.as_json(setup, result, known, options))
+    tables.write(args.residuals, tables.RESIDUALS, solution.residuals(setup, result))
+    rounds = {k: [r[k] for r in result.rounds] for k in tables.ITERATIONS.names}
+    tables.write(args.iterations, tables.ITERATIONS, rounds)
+    for r in result.rounds:
+        logger.info(
+            "round %(round)d: cost %(cost).6g, %(ipopt_iterations)d iterations, "
+            "%(members)d members, %(changed)d changed, step %(step_m).1e m %(step_rad).1e rad",
+            r,
+        )
+    logger.info("settled" if result.settled else "not settled")
+    wanted = options["solve"]["estimate"]
+    for what in sorted(wanted):
+        logger.info("%s: not estimated", what)
+
+
+if __name__ == "__main__":
+    stage.run(main)

@@ -1,0 +1,73 @@
+"""A real recording: VLP-16 and fisheye camera, 20 placements of a board, published results."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+import runs
+from calib import geometry, tables
+from shared import shared_data
+
+HOME = "results/car"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    source = shared_data("acfr_vlp16")
+    folder = tmp_path_factory.mktemp("acfr")
+    for name in ("config", "log"):
+        shutil.copytree(source / name, folder / name, copy_function=shutil.copyfile)
+    runs.completed(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def result(run):
+    return json.loads((run / HOME / "calibration.json").read_text())
+
+
+def pose(result, sensor):
+    return np.array(result["sensors"][sensor]["T_robot_sensor"]["matrix"])
+
+
+def test_the_verdict_is_not_fail(result):
+    assert result["verdict"] in ("pass", "warn")
+
+
+def test_every_placement_serves_both_sensors(result):
+    assert [s["placements"] for s in result["sensors"].values()] == [20, 20]
+
+
+def test_the_camera_is_the_robot_to_3_mm_and_0_05_deg(result):
+    T = pose(result, "camera")
+    assert np.linalg.norm(T[:3, 3]) < 0.003
+    assert np.degrees(geometry.angle(T)) < 0.05
+
+
+def test_the_lidar_is_within_2_5_standard_deviations_of_the_published_mean(result):
+    published = json.loads((shared_data("acfr_vlp16") / "published.json").read_text())
+    T_published = np.array(published["T_robot_lidar"])
+    error = geometry.inverse(T_published) @ pose(result, "velodyne")
+    degrees = np.degrees(geometry.so3_log(error[:3, :3]))
+    assert (np.abs(error[:3, 3]) < 2.5 * np.array(published["sd_m_in_lidar_axes"])).all()
+    assert (np.abs(degrees) < 2.5 * np.array(published["sd_deg"])).all()
+
+
+def test_the_median_distance_to_the_board_is_at_most_12_mm(run):
+    residuals, _, _ = tables.read(run / HOME / "residuals.parquet", tables.RESIDUALS)
+    surface = (residuals["kind"] == "surface") & (residuals["weight"] > 0)
+    assert np.median(np.abs(residuals["value"][surface, 0])) <= 0.012
+
+
+def test_the_corners_reproject_to_a_quarter_pixel(result):
+    assert result["sensors"]["camera"]["residual"]["rms"] < 0.25
+
+
+def test_the_report_and_the_export_are_written(run):
+    assert (run / HOME / "report.html").stat().st_size > 100_000
+    assert (
+        "child_frame_id: velodyne_front"
+        in (run / HOME / "export/static_transforms.yaml").read_text()
+    )

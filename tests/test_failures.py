@@ -1,0 +1,126 @@
+"""What a fault of the data or the config does: one clear message, and nothing healthy is lost."""
+
+import json
+import shutil
+
+import pytest
+
+import runs
+from runs import config, rig
+
+VERDICT = "results/sim/verdict.json"
+
+
+def verdict(folder):
+    return json.loads((folder / VERDICT).read_text())
+
+
+def calibration(folder):
+    return json.loads((folder / "results/sim/calibration.json").read_text())
+
+
+def test_a_missing_topic_fails_that_sensor_with_the_nearest_name_and_keeps_the_other(
+    finished, again
+):
+    runs.edit(rig(again), lambda r: r["sensors"]["camera"].update(topic="/camera/image_rwa"))
+    run = runs.snakemake(again)
+    assert run.returncode == 1
+    result = calibration(again)
+    status = result["sensors"]["camera"]["status"]
+    assert status["reason"] == "topic /camera/image_rwa is not in the log"
+    assert "/camera/image_raw" in status["remedy"]
+    assert result["sensors"]["camera"]["T_robot_sensor"] is None
+    healthy = calibration(finished)["sensors"]["velodyne"]["T_robot_sensor"]["xyz_m"]
+    assert result["sensors"]["velodyne"]["T_robot_sensor"]["xyz_m"] == pytest.approx(
+        healthy, abs=2e-6
+    )
+    assert not (again / "results/sim/export").exists()
+    assert "topic /camera/image_rwa is not in the log" in run.stderr.split("sim: FAIL")[1]
+
+
+def test_an_unseen_target_body_is_named_and_the_other_target_serves(again):
+    runs.edit(again / "config/targets/cylinder.yaml", lambda t: t.update(body="mocap/cylindre"))
+    runs.completed(again, VERDICT)
+    audit = json.loads((again / "results/sim/sim/log.json").read_text())
+    status = audit["bodies"]["mocap/cylindre"]["status"]
+    assert status["reason"] == "MCS body mocap/cylindre is not in the log"
+    assert "mocap/cylinder" in status["remedy"]
+    assert calibration(again)["sensors"]["velodyne"]["placements"] == 4
+
+
+def test_an_unseen_robot_body_fails_every_sensor_in_words(again):
+    runs.edit(rig(again), lambda r: r.update(body="mocap/robto"))
+    runs.completed(again, VERDICT)
+    assert verdict(again)["verdict"] == "fail"
+    for sensor in calibration(again)["sensors"].values():
+        assert sensor["status"]["reason"] == "MCS body mocap/robto is not in the log"
+        assert "mocap/robot" in sensor["status"]["remedy"]
+        assert sensor["T_robot_sensor"] is None
+
+
+def test_a_sensor_without_a_view_says_why_and_keeps_the_other(again):
+    away = {"xyz_m": [0.2, 0.0, 0.6], "rpy_deg": [0, 180, 0]}
+    runs.edit(rig(again), lambda r: r["sensors"]["camera"].update(T_robot_sensor=away))
+    runs.completed(again, VERDICT)
+    result = calibration(again)["sensors"]
+    assert result["camera"]["status"]["reason"] == "camera has no view of a target"
+    assert "outside what the lens sees" in result["camera"]["status"]["found"]
+    assert result["velodyne"]["status"]["ok"]
+
+
+def test_a_sensor_without_a_first_guess_says_what_to_write(again):
+    runs.edit(rig(again), lambda r: r["sensors"]["camera"].pop("T_robot_sensor"))
+    runs.completed(again, VERDICT)
+    status = calibration(again)["sensors"]["camera"]["status"]
+    assert status["reason"] == "no first guess for camera"
+    assert "sensors.camera.T_robot_sensor" in status["remedy"]
+
+
+def test_an_unreadable_log_is_one_line_with_the_file_and_the_remedy(again):
+    log = again / "logs/sim.mcap"
+    log.write_bytes(log.read_bytes()[:100_000])
+    run = runs.snakemake(again)
+    assert run.returncode == 1
+    last = run.stderr.split("sim: STOPPED")[1]
+    assert "logs/sim.mcap: " in last and "mcap recover" in last
+    assert "Traceback" not in run.stderr
+
+
+def test_a_missing_log_is_named_before_anything_runs(again):
+    (again / "logs/sim.mcap").unlink()
+    shutil.rmtree(again / "results")
+    run = runs.snakemake(again)
+    assert run.returncode == 1
+    assert "logs/sim.mcap: no such log" in run.stdout + run.stderr
+
+
+def test_a_wrong_key_is_refused_with_its_path_and_the_nearest_name(again):
+    runs.edit(rig(again), lambda r: r["sensors"]["velodyne"].update(range_sigma=0.01))
+    run = runs.snakemake(again)
+    text = run.stdout + run.stderr
+    assert run.returncode == 1
+    assert "config/rigs/sim.yaml: sensors.velodyne: unknown key range_sigma" in text
+    assert "did you mean range_sigma_m?" in text
+
+
+def test_a_failed_verdict_removes_stale_exports_and_says_why_last(again):
+    assert (again / "results/sim/export/static_transforms.yaml").exists()
+    runs.edit(
+        config(again), lambda c: c.update(judge={"fail_placements": 99, "warn_placements": 99})
+    )
+    run = runs.snakemake(again)
+    assert run.returncode == 1
+    assert not (again / "results/sim/export").exists()
+    assert (again / "results/sim/report.html").exists()
+    assert "camera: placements 4, fail below 99" in run.stderr.split("sim: FAIL")[1]
+
+
+def test_a_log_that_changed_after_decode_is_refused_by_crop(again):
+    (again / "results/sim/sim/velodyne/views.parquet").unlink()
+    audit = again / "results/sim/sim/log.json"
+    content = json.loads(audit.read_text())
+    content["fingerprint"] = ["sim.mcap 1 0"]
+    audit.write_text(json.dumps(content))
+    run = runs.snakemake(again, "results/sim/sim/velodyne/views.parquet", "--allowed-rules", "crop")
+    assert run.returncode == 1
+    assert "changed since it was decoded" in run.stderr

@@ -1,0 +1,384 @@
+"""The paper's equations as residuals, their derivatives, and problems whose optimum is known."""
+
+import casadi as ca
+import cv2
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+from calib import expressions, geometry, targets
+from calib.cameras import Camera
+from calib.geometry import inverse, se3_exp
+from calib.problem import Block, Problem
+from shared import shared_data
+
+CAMERA = Camera("radtan", (800, 810, 640, 480, -0.2, 0.05, 0.001, -0.002), (1280, 960))
+PINHOLE = Camera("radtan", (800, 810, 640, 480, 0, 0, 0, 0), (1280, 960))
+BOARD = targets.from_config(
+    {"shape": "board", "outline_m": [[0, 0], [1, 0], [1, 1], [0, 1]], "thickness_m": 0.01}
+)
+CYLINDER = targets.from_config({"shape": "cylinder", "length_m": 0.8, "radius_m": 0.1})
+
+# A target that faces the sensor 2 m ahead: x right, y up, z towards a camera that looks along z.
+T_CAMERA_TARGET = geometry.pose(np.diag([1.0, -1, -1]), [0.2, -0.1, 2.0])
+T_LIDAR_TARGET = geometry.pose(geometry.so3_exp([0, -np.pi / 2, 0]), [2.0, 0.3, -0.1])
+SKEWED = se3_exp(np.array([0.2, -0.3, 2.5, 0.3, -0.5, 0.8]))
+
+
+def value(residual, T, *numbers):
+    """The residual of a measurement's numbers at T_sensor_target."""
+    T = ca.DM(T)
+    return np.array(ca.DM(residual(T[:3, :3], T[:3, 3], ca.DM(numbers)))).reshape(-1)
+
+
+# --- equation 3: the measured pixel minus the projected corner
+
+
+def test_a_corner_where_it_projects_has_no_residual():
+    corner = np.array([0.12, -0.08, 0.0])
+    (u, v), _ = CAMERA.project(geometry.transform(SKEWED, corner))[0].reshape(2), None
+    residual = expressions.corner_residual(CAMERA)
+    assert value(residual, SKEWED, u, v, *corner, 5.0) == pytest.approx([0, 0], abs=1e-10)
+
+
+def test_a_corner_seen_right_of_and_below_its_place_has_a_positive_residual_in_sigmas():
+    """The corner is at (0.3, -0.3, 2) m, camera: u = 640 + 800 · 0.15, v = 480 - 810 · 0.15."""
+    residual = expressions.corner_residual(PINHOLE)
+    numbers = (760 + 3, 358.5 - 4, 0.1, 0.2, 0.0)
+    assert value(residual, T_CAMERA_TARGET, *numbers, 1.0) == pytest.approx([3, -4], abs=1e-10)
+    assert value(residual, T_CAMERA_TARGET, *numbers, 1 / 0.02) == pytest.approx(
+        [150, -200], abs=1e-8
+    )
+
+
+def test_a_target_moved_to_the_right_pulls_the_corner_residual_to_the_left():
+    """1 cm at 2 m is 4 px."""
+    residual = expressions.corner_residual(PINHOLE)
+    moved = geometry.pose(t=[0.01, 0, 0]) @ T_CAMERA_TARGET
+    assert value(residual, moved, 760, 358.5, 0.1, 0.2, 0, 1.0) == pytest.approx([-4, 0], abs=1e-10)
+
+
+# --- equation 2: the measured point against the target's surface
+
+
+def test_a_return_on_the_face_of_a_board_has_no_residual():
+    p = geometry.transform(T_LIDAR_TARGET, [0.3, 0.4, 0.0])
+    residual = expressions.surface_residual(BOARD)
+    assert value(residual, T_LIDAR_TARGET, *p, 100.0) == pytest.approx([0], abs=1e-12)
+
+
+def test_a_return_before_the_face_of_a_board_has_a_positive_residual_in_sigmas():
+    """The board faces the lidar; a return 3 cm short of it lies on its positive side."""
+    p = geometry.transform(T_LIDAR_TARGET, [0.3, 0.4, 0.0])
+    residual = expressions.surface_residual(BOARD)
+    assert p[0] == pytest.approx(2.0) and T_LIDAR_TARGET[:3, 2] == pytest.approx([-1, 0, 0])
+    short, long = p - [0.03, 0, 0], p + [0.03, 0, 0]
+    assert value(residual, T_LIDAR_TARGET, *short, 1.0) == pytest.approx([0.03], abs=1e-12)
+    assert value(residual, T_LIDAR_TARGET, *long, 100.0) == pytest.approx([-3], abs=1e-10)
+
+
+def test_a_board_moved_away_leaves_its_returns_on_its_positive_side():
+    p = geometry.transform(T_LIDAR_TARGET, [0.3, 0.4, 0.0])
+    away = geometry.pose(t=[0.05, 0, 0]) @ T_LIDAR_TARGET
+    residual = expressions.surface_residual(BOARD)
+    assert value(residual, away, *p, 1.0) == pytest.approx([0.05], abs=1e-12)
+
+
+@pytest.mark.parametrize("radius, distance", [(0.1, 0), (0.13, 0.03), (0.06, -0.04)])
+def test_a_return_off_a_cylinder_is_off_by_its_distance_from_the_axis_less_the_radius(
+    radius, distance
+):
+    p = geometry.transform(SKEWED, [0.3, 0.6 * radius, -0.8 * radius])
+    residual = expressions.surface_residual(CYLINDER)
+    assert value(residual, SKEWED, *p, 50.0) == pytest.approx([50 * distance], abs=1e-9)
+
+
+# --- edges: the direction of a crossing against the plane through the lidar and the edge
+
+EDGE = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0)  # from a to b, target frame: along x
+
+
+def test_a_ray_through_an_edge_has_no_residual():
+    ray = geometry.transform(SKEWED, [0.7, 0, 0])
+    ray /= np.linalg.norm(ray)
+    assert value(expressions.edge_residual, SKEWED, *ray, *EDGE, 9.0) == pytest.approx(
+        [0], abs=1e-14
+    )
+
+
+def test_a_ray_past_an_edge_is_off_by_its_angle_signed_by_the_side_in_sigmas():
+    """The edge from (0, 0, 2) to (1, 0, 2): the normal of its plane with the lidar is (0, 2, 0)."""
+    T = geometry.pose(t=[0, 0, 2.0])
+    angle = 0.01
+    ray = np.array([0, np.sin(angle), np.cos(angle)])
+    sine = np.sin(angle)
+    residual = expressions.edge_residual
+    assert value(residual, T, *ray, *EDGE, 1.0) == pytest.approx([sine], abs=1e-12)
+    assert value(residual, T, *(ray * [1, -1, 1]), *EDGE, 200.0) == pytest.approx([-200 * sine])
+    turned = EDGE[3:] + EDGE[:3]
+    assert value(residual, T, *ray, *turned, 1.0) == pytest.approx([-sine], abs=1e-12)
+
+
+def test_the_residual_of_an_edge_does_not_depend_on_how_far_along_it_or_away_it_is():
+    for scale, shift in ((1, 0.0), (3, 0.0), (1, 0.4)):
+        T = geometry.pose(t=[shift, 0, 2.0 * scale])
+        ray = np.array([0, np.sin(0.01), np.cos(0.01)])
+        assert value(expressions.edge_residual, T, *ray, *EDGE, 1.0) == pytest.approx(
+            [np.sin(0.01)]
+        )
+
+
+# --- all kinds
+
+KINDS = {
+    "corner": (expressions.corner_residual(CAMERA), (700, 400, 0.1, 0.2, 0.0, 2.0)),
+    "surface of a board": (expressions.surface_residual(BOARD), (0.3, -0.2, 2.4, 30.0)),
+    "surface of a cylinder": (expressions.surface_residual(CYLINDER), (0.3, -0.2, 2.4, 30.0)),
+    "edge": (expressions.edge_residual, (0.0, 0.1, 0.99, 0, 0, 0, 1, 0, 0, 40.0)),
+}
+every_kind = pytest.mark.parametrize("residual, numbers", KINDS.values(), ids=KINDS.keys())
+
+
+def test_every_kind_has_its_numbers_named():
+    assert set(expressions.DATA) == {name.split()[0] for name in KINDS}
+    for name, (_, numbers) in KINDS.items():
+        assert len(expressions.DATA[name.split()[0]]) == len(numbers)
+    for kind, names in expressions.DATA.items():
+        assert names[-1] == "weight"
+        made = expressions.residual_of(kind, CAMERA, BOARD)
+        numbers = next(n for name, (_, n) in KINDS.items() if name.startswith(kind))
+        assert np.isfinite(value(made, SKEWED, *numbers)).all()
+
+
+@every_kind
+def test_no_weight_takes_a_measurement_out(residual, numbers):
+    assert (value(residual, SKEWED, *numbers[:-1], 0.0) == 0).all()
+    functions = expressions.kernels(residual, len(numbers), 3.0)
+    T = ca.DM(SKEWED[:3])
+    for function in functions.values():
+        assert (np.array(function(T, ca.DM([*numbers[:-1], 0.0]))) == 0).all()
+
+
+def kernel_values(residual, numbers, gate, T):
+    """Cost, gradient, Hessian and information with the loss beginning to bend at gate, σ."""
+    functions = expressions.kernels(residual, len(numbers), gate)
+    found = {k: np.array(f(ca.DM(T[:3]), ca.DM(numbers))) for k, f in functions.items()}
+    return {k: v.item() if k == "cost" else v.squeeze() for k, v in found.items()}
+
+
+def jacobian(residual, numbers, T, h=1e-6):
+    """Derivative of a residual by the right perturbation of T, by central differences."""
+    steps = h * np.eye(6)
+    moves = [
+        value(residual, T @ se3_exp(d), *numbers) - value(residual, T @ se3_exp(-d), *numbers)
+        for d in steps
+    ]
+    return np.column_stack(moves) / (2 * h)
+
+
+@every_kind
+@pytest.mark.parametrize("gate", [100.0, 2.0, 1.1, 0.5], ids=lambda g: f"{g} times the residual")
+def test_the_gradient_is_that_of_finite_differences_of_the_cost(residual, numbers, gate):
+    gate *= np.linalg.norm(value(residual, SKEWED, *numbers))
+    found = kernel_values(residual, numbers, gate, SKEWED)
+    cost = expressions.kernels(residual, len(numbers), gate)["cost"]
+
+    def at(xi):
+        return float(cost(ca.DM((SKEWED @ se3_exp(xi))[:3]), ca.DM(numbers)))
+
+    h = 1e-5
+    slopes = [(at(h * e) - at(-h * e)) / (2 * h) for e in np.eye(6)]
+    r, J = value(residual, SKEWED, *numbers), jacobian(residual, numbers, SKEWED)
+    assert found["gradient"] == pytest.approx(slopes, abs=1e-5 * np.abs(J.T @ r).max())
+
+
+@every_kind
+def test_far_below_the_gate_the_cost_is_half_the_square(residual, numbers):
+    r, J = value(residual, SKEWED, *numbers), jacobian(residual, numbers, SKEWED)
+    found = kernel_values(residual, numbers, 1e4 * np.linalg.norm(r), SKEWED)
+    assert found["cost"] == pytest.approx(r @ r / 2, rel=1e-6)
+    small = 1e-6 * np.abs(J.T @ J).max()
+    assert found["gradient"] == pytest.approx(J.T @ r, abs=1e-6 * np.abs(J.T @ r).max())
+    assert found["information"] == pytest.approx(J.T @ J, abs=small)
+    assert found["hessian"] == pytest.approx(J.T @ J, abs=small)
+
+
+@every_kind
+@pytest.mark.parametrize("gate", [3.0, 1.5, 1.05, 0.5], ids=lambda g: f"{g} times the residual")
+def test_one_weight_of_the_loss_is_in_gradient_and_information(residual, numbers, gate):
+    r, J = value(residual, SKEWED, *numbers), jacobian(residual, numbers, SKEWED)
+    found = kernel_values(residual, numbers, gate * np.linalg.norm(r), SKEWED)
+    gradient, information = J.T @ r, J.T @ J
+    weight = found["gradient"] @ gradient / (gradient @ gradient)
+    assert 0 <= weight < 1
+    assert found["gradient"] == pytest.approx(weight * gradient, abs=1e-6 * np.abs(gradient).max())
+    small = 1e-6 * np.abs(information).max()
+    assert found["information"] == pytest.approx(weight * information, abs=small)
+    assert np.linalg.eigvalsh(found["hessian"]).min() > -small
+    assert (np.abs(found["hessian"]) <= np.abs(found["information"]) * (1 + 1e-9)).all()
+
+
+# --- equation 1: the chain of poses
+
+POSES = se3_exp(
+    np.array(
+        [[0.3, 0.1, 0.6, 0.2, -0.4, 1.5], [2, 1, -0.5, -1, 0.3, 2], [0.01, -0.02, 0, 0.1, 0, -0.2]]
+    )
+)
+SIGMA = np.array(
+    [1] * 6 + [2e-4, 3e-4, 4e-4, 5e-4, 6e-4, 7e-4] + [8e-4, 9e-4, 1e-3, 1.1e-3, 1.2e-3, 1.3e-3]
+)
+X = np.random.default_rng(0).normal(size=18) * np.array([0.1] * 6 + [2.0] * 12)
+
+
+def chained(x):
+    """T_sensor_target with the sensor, the robot's pose and the target's pose corrected by x."""
+    T_robot_sensor, T_robot_body, T_body_target = POSES
+    xi = (SIGMA * x).reshape(3, 6)
+    robot_target = inverse(se3_exp(xi[1])) @ T_robot_body @ se3_exp(xi[2]) @ T_body_target
+    return inverse(T_robot_sensor @ se3_exp(xi[0])) @ robot_target
+
+
+def chain(x):
+    T, A = expressions.chain()(x, SIGMA, *POSES)
+    return np.array(T), np.array(A)
+
+
+@pytest.mark.parametrize(
+    "x", [np.zeros(18), *np.diag(X), X], ids=lambda x: f"{np.count_nonzero(x)}"
+)
+def test_the_chain_is_that_of_the_poses_with_all_three_corrected(x):
+    assert chain(x)[0] == pytest.approx(chained(x)[:3], abs=1e-14)
+
+
+@pytest.mark.parametrize("x", [np.zeros(18), X], ids=["at zero", "elsewhere"])
+def test_the_chains_derivative_is_that_of_finite_differences_by_the_right_perturbation(x):
+    T, h = chained(x), 1e-5
+    found = chain(x)[1]
+    steps = h * np.eye(18)
+    moves = [
+        geometry.se3_log(inverse(T) @ chained(x + s))
+        - geometry.se3_log(inverse(T) @ chained(x - s))
+        for s in steps
+    ]
+    expected = np.column_stack(moves) / (2 * h)
+    scale = SIGMA[None]
+    assert found.shape == (6, 18)
+    assert found / scale == pytest.approx(expected / scale, abs=1e-6)
+
+
+# --- the whole problem, on recorded vertices of a lidar and their pixels (ROB 101 of Michigan)
+
+
+GATE = 1e4  # σ: a thousand times the largest residual
+
+
+def rob101():
+    """Vertices (13, 3), m, and pixels (13, 2) of pairs 36 to 48, and the camera."""
+    X = loadmat(shared_data("umich_rob101/X_train.mat"))["X_train"][:3].T.copy()
+    Y = loadmat(shared_data("umich_rob101/Y_train.mat"))["Y_train"][:2].T.copy()
+    camera = Camera("radtan", (616.368, 616.745, 319.935, 243.639, 0, 0, 0, 0), (640, 480))
+    return X[35:48], Y[35:48], camera
+
+
+def solved(points, pixels, camera, T_robot_sensor, sigma_mcs=1e-12):
+    """Solution of one camera, one placement, a target without a board, and no loss or prior."""
+    n = len(points)
+    block = Block(0, 0, 1, "corner", "none", np.eye(4), np.eye(4), n)
+    problem = Problem([camera], {"none": None}, [block], 2, GATE)
+    data = [np.vstack([pixels.T, points.T, np.ones(n)])]
+    prior = np.zeros((1, 6)), np.full((1, 6), np.inf)
+    sigmas = np.full((2, 6), sigma_mcs)
+    return problem.solve(data, T_robot_sensor[None], sigmas, np.zeros((2, 6)), prior)
+
+
+def seen_from(points, pixels, camera):
+    """T_camera_target by OpenCV, as a start."""
+    fx, fy, cx, cy = camera.params[:4]
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    _, w, t = cv2.solvePnP(points, pixels, K, None, flags=cv2.SOLVEPNP_SQPNP)
+    return geometry.pose(cv2.Rodrigues(w)[0], t[:, 0])
+
+
+@pytest.mark.parametrize("off", [np.zeros(6), np.array([0.1, -0.1, 0.2, 0.1, -0.15, 0.1])])
+def test_the_optimum_of_rob101_is_12_11_square_pixels(off):
+    points, pixels, camera = rob101()
+    T = seen_from(points, pixels, camera) @ se3_exp(off)
+    solution = solved(points, pixels, camera, inverse(T))
+    assert solution.success, solution.status
+    assert 2 * solution.cost == pytest.approx(12.11, abs=0.01)
+    uv, valid = camera.project(geometry.transform(inverse(solution.T_robot_sensor[0]), points))
+    assert valid.all()
+    assert np.sum((uv - pixels) ** 2) == pytest.approx(2 * solution.cost, rel=1e-6)
+
+
+def test_the_information_of_rob101_is_that_of_finite_differences():
+    points, pixels, camera = rob101()
+    start = inverse(seen_from(points, pixels, camera))
+    solution = solved(points, pixels, camera, start)
+    T, h = solution.T_robot_sensor[0], 1e-6
+
+    def uv(xi):
+        return camera.project(geometry.transform(inverse(T @ se3_exp(xi)), points))[0].reshape(-1)
+
+    J = np.column_stack([(uv(h * e) - uv(-h * e)) / (2 * h) for e in np.eye(6)])
+    information = solution.information[:6, :6]
+    assert information == pytest.approx(J.T @ J, abs=1e-5 * np.abs(J.T @ J).max())
+
+
+# --- the whole problem, made
+
+
+def made(seed=0, noise=0.0):
+    """Corners and pixels of PINHOLE at SKEWED, T_sensor_target; noise in px."""
+    rng = np.random.default_rng(seed)
+    grid = np.stack(np.meshgrid(np.arange(6), np.arange(5)), -1).reshape(-1, 2) * 0.08
+    points = np.column_stack([grid, np.zeros(30)])
+    pixels = PINHOLE.project(geometry.transform(SKEWED, points))[0]
+    return points, pixels + noise * rng.normal(size=(30, 2))
+
+
+def test_the_truth_is_the_optimum_of_data_without_noise():
+    points, pixels = made()
+    start = inverse(SKEWED) @ se3_exp(np.array([0.03, -0.03, 0.03, 0.08, -0.08, 0.08]))
+    solution = solved(points, pixels, PINHOLE, start)
+    assert solution.success
+    assert np.abs(geometry.se3_log(SKEWED @ solution.T_robot_sensor[0])).max() < 1e-6  # 0.001 mm
+    assert solution.cost < 1e-6
+
+
+def test_a_prior_draws_the_sensor_towards_it_in_proportion_to_what_it_knows():
+    """A prior as sure as the data, for the optimum to lie halfway in the metric of both."""
+    points, pixels = made()
+    plain = solved(points, pixels, PINHOLE, inverse(SKEWED))
+    sigma = np.full((1, 6), 1e-4)
+    mean = np.array([[1e-4, 0, 0, 0, 0, 0]])  # how far the start lies beyond the prior
+    block = Block(0, 0, 1, "corner", "none", np.eye(4), np.eye(4), len(points))
+    problem = Problem([PINHOLE], {"none": None}, [block], 2, GATE)
+    data = [np.vstack([pixels.T, points.T, np.ones(len(points))])]
+    tiny, zero = np.full((2, 6), 1e-12), np.zeros((2, 6))
+    found = problem.solve(data, inverse(SKEWED)[None], tiny, zero, (mean, sigma))
+    data_information, weight = plain.information[:6, :6], np.diag(sigma[0] ** -2.0)
+    expected = -np.linalg.solve(data_information + weight, weight @ mean[0])
+    assert found.step[0] == pytest.approx(expected, abs=1e-8)
+    both = data_information + weight
+    assert found.information[:6, :6] == pytest.approx(both, abs=1e-5 * both.max())
+
+
+def test_an_error_of_the_motion_capture_takes_its_share_of_the_residuals_by_its_sigma():
+    """Two placements 1 cm apart by their pixels and not by the MCS: the MCS errors absorb it."""
+    points, pixels = made()
+    moved = SKEWED @ geometry.pose(t=[0.01, 0, 0])
+    other = PINHOLE.project(geometry.transform(moved, points))[0]
+    eye, n = np.eye(4), len(points)
+    blocks = [Block(0, 2 * k, 2 * k + 1, "corner", "none", eye, eye, n) for k in range(2)]
+    problem = Problem([PINHOLE], {"none": None}, blocks, 4, GATE)
+    data = [np.vstack([p.T, points.T, np.ones(n)]) for p in (pixels, other)]
+    prior = np.zeros((1, 6)), np.full((1, 6), np.inf)
+    sigmas = np.tile([0.5] * 3 + [1e-9] * 3, (4, 1))
+    found = problem.solve(data, inverse(SKEWED)[None], sigmas, np.zeros((4, 6)), prior)
+    assert found.success
+    error = sigmas * found.y
+    apart = (error[3] - error[2]) - (error[1] - error[0])
+    assert apart[:3] == pytest.approx([0.01, 0, 0], abs=2e-5)
+    assert error[:, 0] == pytest.approx([0.0025, -0.0025, -0.0025, 0.0025], abs=2e-5)

@@ -1,0 +1,221 @@
+"""Each stage's main() by hand on a simulated log without noise, against the truth."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import associate
+import crop
+import decode
+import export
+import extract
+import gate
+import guess
+import judge
+import report
+import runs
+import solve
+from calib import geometry, mocap, rig, stage, tables, targets
+from calib.config import complete, load_yaml
+from calib.status import InputError
+
+HOME = "results/sim/sim"
+
+
+@pytest.fixture(scope="module")
+def by_hand(tmp_path_factory):
+    """A simulated log taken through all stages in this process, with the commands that did it."""
+    folder = runs.simulated(tmp_path_factory.mktemp("hand"), runs.SMALL)
+    commands = runs.commands(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for sensor in ("camera", "velodyne"):
+            (folder / HOME / sensor).mkdir(parents=True)
+        decode.main(commands["decode", ""])
+        gate.main(commands["gate", ""])
+        for sensor in ("camera", "velodyne"):
+            for module, name in ((guess, "guess"), (crop, "crop"), (extract, "extract")):
+                module.main(commands[name, sensor])
+        for module in (associate, solve, judge, report, export):
+            module.main(commands[module.__name__, ""])
+    return folder, commands
+
+
+@pytest.fixture
+def here(by_hand, monkeypatch):
+    folder, commands = by_hand
+    monkeypatch.chdir(folder)
+    return commands
+
+
+@pytest.fixture
+def truth(here):
+    return json.loads(Path("truth.json").read_text())
+
+
+def matrix(pose):
+    return np.array(pose["matrix"])
+
+
+def test_decode_finds_every_message_and_pose(here):
+    audit = stage.read_json(f"{HOME}/log.json")
+    poses, _, _ = tables.read(f"{HOME}/mocap.parquet", tables.MOCAP)
+    frames, _, _ = tables.read(f"{HOME}/frames.parquet", tables.FRAMES)
+    count = {t: v["messages"] for t, v in audit["topics"].items()}
+    assert len(poses["t"]) == 3 * count["/tf"]
+    assert (poses["fault"] == "").all()
+    assert np.sum(frames["sensor"] == "camera") == count["/camera/image_raw"]
+    assert np.sum(frames["sensor"] == "velodyne") == count["/velodyne_points"]
+    assert audit["bodies"]["mocap/board"]["rate_hz"] == pytest.approx(100, rel=0.01)
+    assert audit["sensors"]["velodyne"]["frame"] == "velodyne"
+
+
+def test_gate_finds_the_placements_and_their_poses_to_a_nanometre(here, truth):
+    found, status, notes = tables.read(f"{HOME}/placements.parquet", tables.PLACEMENTS)
+    assert status.ok and all(n["ok"] for n in notes.values())
+    for name in ("board", "cylinder"):
+        rows = np.flatnonzero((found["target"] == name) & (found["kind"] == "still"))
+        assert len(rows) == len(truth["placements"]) == 4
+        for i, place in zip(rows, truth["placements"], strict=True):
+            assert place["start_ns"] <= found["start"][i] < found["end"][i] <= place["end_ns"]
+            T = geometry.from_xyz_quat(found["xyz"][i], found["quat"][i])
+            error = geometry.se3_log(geometry.inverse(matrix(place["T_robot_target"][name])) @ T)
+            assert np.abs(error).max() < 1e-9
+
+
+def test_guess_passes_on_the_rig_s_own(here):
+    found = stage.read_json(f"{HOME}/camera/guess.json")
+    written = load_yaml("config/rigs/sim.yaml")["sensors"]["camera"]
+    assert found["source"] == "config"
+    np.testing.assert_allclose(matrix(found["T_robot_sensor"]), rig.pose(written["T_robot_sensor"]))
+    np.testing.assert_allclose(found["sigma"], rig.pose_sigma(written["guess_sigma"]))
+
+
+def test_guess_takes_the_chain_of_static_transforms_where_the_rig_states_nothing(here, tmp_path):
+    arguments = list(here["guess", "camera"])
+    options = json.loads(arguments[-1])
+    del options["sensor"]["T_robot_sensor"]
+    audit = stage.read_json(f"{HOME}/log.json")
+    quarter = [0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]
+    audit["static"] = [
+        {
+            "parent": "mocap/robot",
+            "child": "base",
+            "T": {"xyz_m": [1.0, 0, 0], "quat_xyzw": quarter},
+        },
+        {
+            "parent": "camera",
+            "child": "base",
+            "T": {"xyz_m": [0, 0, 2.0], "quat_xyzw": [0, 0, 0, 1]},
+        },
+    ]
+    stage.write_json(tmp_path / "log.json", audit)
+    output = tmp_path / "guess.json"
+    paths = ["--audit", str(tmp_path / "log.json"), "--output", str(output)]
+    guess.main([*paths, "--options", json.dumps(options)])
+    found = stage.read_json(output)
+    assert found["source"] == "tf_static"
+    np.testing.assert_allclose(found["T_robot_sensor"]["xyz_m"], [1, 0, -2], atol=1e-12)
+    np.testing.assert_allclose(found["T_robot_sensor"]["quat_xyzw"], quarter, atol=1e-12)
+
+
+def test_crop_accounts_for_every_frame_and_keeps_none_that_moves(here, truth):
+    frames, _, _ = tables.read(f"{HOME}/frames.parquet", tables.FRAMES)
+    for sensor, schema in (("camera", tables.VIEWS_CAMERA), ("velodyne", tables.VIEWS_LIDAR)):
+        views, status, _ = tables.read(f"{HOME}/{sensor}/views.parquet", schema)
+        assert status.ok
+        assert len(views["view"]) == 2 * np.sum(frames["sensor"] == sensor)
+        assert ((views["reason"] == "") == views["kept"]).all()
+        for i in np.flatnonzero(views["kept"]):
+            spans = [(p["start_ns"], p["end_ns"]) for p in truth["placements"]]
+            last = views["t"][i] + max(views["dt"][i]) if sensor == "velodyne" else views["t"][i]
+            assert any(a <= views["t"][i] and last <= b for a, b in spans)
+
+
+def test_extracted_corners_are_those_of_the_board_to_0_02_px(here, truth):
+    pairs, _, _ = tables.read(f"{HOME}/pairs.parquet", tables.PAIRS)
+    rows = tables.select(pairs, pairs["kind"] == "corner")
+    config = complete("rig", load_yaml("config/rigs/sim.yaml"), "rig")["sensors"]["camera"]
+    board = complete("target", load_yaml("config/targets/board.yaml"), "board")
+    corners = targets.from_config(board).pattern.corners()
+    T_robot_camera = matrix(truth["sensors"]["camera"]["T_robot_sensor"])
+    errors = []
+    for place in truth["placements"]:
+        at = (rows["t"] >= place["start_ns"]) & (rows["t"] <= place["end_ns"])
+        T = geometry.inverse(T_robot_camera) @ matrix(place["T_robot_target"]["board"])
+        uv, _ = rig.camera(config).project(geometry.transform(T, corners[rows["feature"][at]]))
+        errors.append(rows["uv"][at] - uv)
+    errors = np.concatenate(errors)
+    assert len(errors) == len(rows["t"]) and (rows["feature"] >= 0).all()
+    assert np.sqrt((errors**2).mean()) < 0.02
+
+
+def test_members_of_a_lidar_lie_on_the_targets_to_3_micrometres(here, truth):
+    pairs, _, _ = tables.read(f"{HOME}/pairs.parquet", tables.PAIRS)
+    T_robot_lidar = matrix(truth["sensors"]["velodyne"]["T_robot_sensor"])
+    for name in ("board", "cylinder"):
+        target = targets.from_config(
+            complete("target", load_yaml(f"config/targets/{name}.yaml"), name)
+        )
+        mine = (pairs["target"] == name) & (pairs["kind"] == "surface") & (pairs["feature"] >= 0)
+        for place in truth["placements"]:
+            at = mine & (pairs["t"] >= place["start_ns"]) & (pairs["t"] <= place["end_ns"])
+            T = geometry.inverse(matrix(place["T_robot_target"][name])) @ T_robot_lidar
+            distance = target.distance(*geometry.transform(T, pairs["xyz"][at]).T)
+            assert np.median(np.abs(distance)) < 1e-6 if at.any() else True
+            assert np.mean(np.abs(distance) < 3e-6) > 0.99 if at.any() else True
+        assert mine.sum() > 1000
+
+
+def test_judge_writes_what_the_schemas_promise(here):
+    for kind in ("calibration", "verdict"):
+        content = stage.read_json(f"results/sim/{kind}.json")
+        complete(kind, content, kind)
+
+
+def test_residuals_have_one_row_per_pair(here):
+    pairs, _, _ = tables.read(f"{HOME}/pairs.parquet", tables.PAIRS)
+    residuals, _, _ = tables.read("results/sim/residuals.parquet", tables.RESIDUALS)
+    assert len(residuals["sensor"]) == len(pairs["sensor"])
+
+
+def test_export_writes_the_transform_that_calibration_json_states(here):
+    text = Path("results/sim/export/static_transforms.yaml").read_text()
+    exported = load_yaml("results/sim/export/static_transforms.yaml")["transforms"]
+    result = stage.read_json("results/sim/calibration.json")["sensors"]
+    assert [t["child_frame_id"] for t in exported] == ["camera", "velodyne"]
+    for t, name in zip(exported, ("camera", "velodyne"), strict=True):
+        move, turn = t["transform"]["translation"], t["transform"]["rotation"]
+        T = geometry.from_xyz_quat([move[k] for k in "xyz"], [turn[k] for k in "xyzw"])
+        np.testing.assert_allclose(T, matrix(result[name]["T_robot_sensor"]), atol=1e-12)
+        x, y, z = T[:3, 0] + T[:3, 3]
+        assert f"the point (1, 0, 0) of {name} is ({x:.6f}, {y:.6f}, {z:.6f})" in text
+
+
+def test_export_refuses_a_failed_verdict_and_removes_what_stood_there(here, tmp_path):
+    calibration = stage.read_json("results/sim/calibration.json")
+    stage.write_json(tmp_path / "c.json", calibration)
+    stage.write_json(tmp_path / "v.json", {"verdict": "fail", "reasons": ["velodyne: too bad"]})
+    old = tmp_path / "export" / "stale.yaml"
+    old.parent.mkdir()
+    old.write_text("stale")
+    arguments = ["--calibration", tmp_path / "c.json", "--verdict", tmp_path / "v.json"]
+    arguments += ["--output", old.parent, "--options", here["export", ""][-1]]
+    with pytest.raises(InputError, match="velodyne: too bad"):
+        export.main([str(a) for a in arguments])
+    assert not old.exists()
+
+
+def test_a_wrong_input_ends_a_stage_in_one_line_and_exit_code_1(here, caplog):
+    with pytest.raises(SystemExit) as end:
+        stage.run(lambda: crop.main(here["crop", "camera"][:2]))
+    assert end.value.code in (1, 2)
+
+
+def test_still_intervals_leave_out_the_moves(here):
+    poses, _, _ = tables.read(f"{HOME}/mocap.parquet", tables.MOCAP)
+    robot, board = (mocap.trajectory(poses, f"mocap/{b}", 0.05) for b in ("robot", "board"))
+    linear, _ = mocap.speeds(mocap.relative(robot, board), 0.3)
+    assert np.mean(linear[np.isfinite(linear)] > 0.01) > 0.3

@@ -1,0 +1,228 @@
+"""What the rules share: config slices, log fingerprints, and the code a stage depends on."""
+
+import ast
+import json
+import os
+import shlex
+import sys
+from functools import cache
+from pathlib import Path
+
+SCRIPTS = Path(workflow.basedir) / "scripts"
+sys.path.insert(0, str(SCRIPTS))
+
+from calib import logs
+from calib.config import load
+from calib.status import InputError
+from snakemake.exceptions import WorkflowError
+
+# Jobs find the interpreter of Snakemake itself, whether or not its environment is activated.
+shell.prefix(
+    f"set -euo pipefail; export PATH={shlex.quote(str(Path(sys.executable).parent))}:$PATH; "
+)
+
+
+def checked(function, *arguments):
+    """function(*arguments), with a wrong input as one line of Snakemake's own."""
+    try:
+        return function(*arguments)
+    except InputError as error:
+        raise WorkflowError(str(error))
+
+
+CONFIG, RIGS, TARGETS = checked(load, config)
+SESSIONS = CONFIG["sessions"]
+RIG_OF = {name: session["rig"] for name, session in SESSIONS.items()}
+
+
+def sessions_of(rig):
+    return sorted(s for s in SESSIONS if RIG_OF[s] == rig)
+
+
+def sensors_of(rig):
+    """Sensors that at least one session of the rig uses."""
+    return sorted({sensor for s in sessions_of(rig) for sensor in sorted(SESSIONS[s]["sensors"])})
+
+
+def targets_of(rig):
+    return sorted({target for s in sessions_of(rig) for target in SESSIONS[s]["targets"]})
+
+
+def log_files(w):
+    return [str(p) for p in checked(logs.files_of, SESSIONS[w.session]["log"])]
+
+
+@cache
+def fingerprint(session):
+    return checked(logs.fingerprint, SESSIONS[session]["log"])
+
+
+def options(**slices):
+    """The only config that a job sees, as JSON with sorted keys: a change elsewhere re-runs nothing."""
+    return json.dumps(slices, sort_keys=True)
+
+
+def decode_options(w):
+    rig, session = RIGS[w.rig], SESSIONS[w.session]
+    sensors = {
+        name: {k: rig["sensors"][name][k] for k in ("kind", "topic")} for name in session["sensors"]
+    }
+    mocap = {k: rig["mocap"][k] for k in ("topics", "map")}
+    bodies = sorted({rig["body"]} | {TARGETS[t]["body"] for t in session["targets"]})
+    span = {k: session.get(k) for k in ("from_s", "to_s")}
+    return options(
+        log=session["log"],
+        fingerprint=fingerprint(w.session),
+        sensors=sensors,
+        mocap=mocap,
+        bodies=bodies,
+        **span,
+    )
+
+
+def gate_options(w):
+    rig = RIGS[w.rig]
+    mocap = {k: rig["mocap"][k] for k in ("max_gap_s", "pose_sigma")}
+    bodies = {t: TARGETS[t]["body"] for t in SESSIONS[w.session]["targets"]}
+    return options(gate=CONFIG["gate"], body=rig["body"], mocap=mocap, targets=bodies)
+
+
+def sensor_options(stage, w, **more):
+    """The slice of a stage that runs once per sensor."""
+    sensor = RIGS[w.rig]["sensors"][w.sensor]
+    return options(**{stage: CONFIG[stage]}, name=w.sensor, sensor=sensor, **more)
+
+
+def guess_options(w):
+    return sensor_options("guess", w, body=RIGS[w.rig]["body"])
+
+
+def crop_options(w):
+    session = SESSIONS[w.session]
+    targets = {t: TARGETS[t] for t in session["targets"]}
+    return sensor_options("crop", w, targets=targets, log=session["log"])
+
+
+def extract_options(w):
+    targets = {t: TARGETS[t] for t in SESSIONS[w.session]["targets"]}
+    more = {"associate": CONFIG["associate"], "margin_sigma": CONFIG["crop"]["margin_sigma"]}
+    return sensor_options("extract", w, targets=targets, mocap=mocap_noise(w), **more)
+
+
+def mocap_noise(w):
+    return {k: RIGS[w.rig]["mocap"][k] for k in ("pose_sigma", "pose_bias_sigma")}
+
+
+def associate_options(w):
+    session = SESSIONS[w.session]
+    sensors = {s: RIGS[w.rig]["sensors"][s] for s in session["sensors"]}
+    targets = {t: TARGETS[t] for t in session["targets"]}
+    blocks = {"associate": CONFIG["associate"], "mocap": mocap_noise(w)}
+    return options(**blocks, sensors=sensors, targets=targets)
+
+
+def solve_options(w):
+    rig = RIGS[w.rig]
+    return options(
+        solve=CONFIG["solve"],
+        associate=CONFIG["associate"],
+        rig=w.rig,
+        mocap=mocap_noise(w),
+        sensors={s: rig["sensors"][s] for s in sensors_of(w.rig)},
+        targets={t: TARGETS[t] for t in targets_of(w.rig)},
+        sessions=sessions_of(w.rig),
+    )
+
+
+def judge_options(w):
+    return options(judge=CONFIG["judge"])
+
+
+def report_options(w):
+    rig = RIGS[w.rig]
+    sensors = {s: rig["sensors"][s] for s in sensors_of(w.rig)}
+    targets = {t: TARGETS[t] for t in targets_of(w.rig)}
+    used = {s: SESSIONS[s]["sensors"] for s in sessions_of(w.rig)}
+    names = {"rig": w.rig, "body": rig["body"]}
+    return options(
+        **names, report=CONFIG["report"], sensors=sensors, targets=targets, sessions=used
+    )
+
+
+def export_options(w):
+    return options(export=CONFIG["export"], body=RIGS[w.rig]["body"])
+
+
+def of_sessions(pattern):
+    """Input function: the pattern for every session of the rig."""
+    return lambda w: expand(pattern, rig=w.rig, session=sessions_of(w.rig))
+
+
+def of_sensors(pattern):
+    """Input function: the pattern for every sensor of every session of the rig, or of one session."""
+
+    def paths(w):
+        chosen = [w.session] if hasattr(w, "session") else sessions_of(w.rig)
+        return [
+            pattern.format(rig=w.rig, session=s, sensor=sensor)
+            for s in chosen
+            for sensor in sorted(SESSIONS[s]["sensors"])
+        ]
+
+    return paths
+
+
+def resource(path):
+    """A file of the checkout that a job reads, relative to the working directory."""
+    return os.path.relpath(Path(workflow.basedir) / path)
+
+
+@cache
+def code(stage):
+    """scripts/<stage>.py followed by every file of scripts/ it imports, directly or not."""
+    found, todo = {}, [SCRIPTS / f"{stage}.py"]
+    while todo:
+        path = todo.pop()
+        if path not in found:
+            found[path] = None
+            todo += [p for name in imports(path) for p in modules(name)]
+    return [os.path.relpath(p) for p in found]
+
+
+def imports(path):
+    """Dotted names that a Python file imports, also inside functions."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            yield from [node.module, *(f"{node.module}.{a.name}" for a in node.names)]
+        elif isinstance(node, ast.Import):
+            yield from (a.name for a in node.names)
+
+
+def modules(name):
+    """The files of scripts/ that importing a dotted name runs, packages above it included."""
+    parts = name.split(".")
+    for n in range(1, len(parts) + 1):
+        stem = SCRIPTS.joinpath(*parts[:n])
+        yield from (p for p in (stem.with_suffix(".py"), stem / "__init__.py") if p.exists())
+
+
+def last_words():
+    """Every rig's verdict and its reasons, or what stopped it, as the last lines on the terminal."""
+    for rig in sorted(set(RIG_OF.values())):
+        home = Path("results", rig)
+        stopped = [line for path in sorted(home.rglob("*.log")) for line in complaint(path)]
+        if stopped:
+            print(f"{rig}: STOPPED", *stopped, sep="\n  ", file=sys.stderr)
+        elif (home / "verdict.json").exists():
+            verdict = json.loads((home / "verdict.json").read_text())
+            lines = [*verdict["reasons"], f"report: {home / 'report.html'}"]
+            print(f"{rig}: {verdict['verdict'].upper()}", *lines, sep="\n  ", file=sys.stderr)
+
+
+def complaint(path):
+    """What ended the job of a log file, if it did not end well; a failed verdict is no such end."""
+    lines = path.read_text().splitlines()
+    if path.name != "export.log" and any(
+        line.startswith(("error: ", "Traceback")) for line in lines
+    ):
+        yield f"{path}: {lines[-1].removeprefix('error: ')}"
