@@ -227,6 +227,23 @@ def test_a_sensor_with_an_open_direction_gets_no_pose_and_says_which():
     assert content["joint_covariance"] is None
 
 
+def test_the_results_carry_the_covariance_of_the_estimate_in_its_own_order():
+    """(tx ty tz rx ry rz) per sensor; the draws above show that this order is the errors'."""
+    setup = made(5, MIXED, pixel=0.05, range_=0.01, mcs=1.0)
+    result = settled(setup)
+    guess = {"frame": "f", "T_robot_sensor": None, "sigma": [1] * 6, "source": "config"}
+    kinds = {"camera": {"kind": "camera"}, "lidar": {"kind": "lidar"}}
+    options = {"rig": "r", "sensors": kinds, "targets": {}, "sessions": ["s"]}
+    known = {name: (solution.OK, guess) for name in kinds}
+    content = solution.as_json(setup, result, known, options)
+    covariance = estimation.covariance(result.solution.information)
+    assert content["joint_covariance"]["order"] == ["camera", "lidar"]
+    np.testing.assert_array_equal(content["joint_covariance"]["matrix"], covariance[:12, :12])
+    for name, at in (("camera", 0), ("lidar", 6)):
+        own = covariance[at : at + 6, at : at + 6]
+        np.testing.assert_array_equal(content["sensors"][name]["covariance"], own)
+
+
 def test_nothing_to_solve_is_a_result_without_a_solution():
     setup = estimation.Setup({}, TARGETS, [], [], ASSOCIATE, {})
     result = estimation.estimate(setup, {}, 30, 1e-8, 1e-8, 10.0)
