@@ -11,14 +11,12 @@ import numpy as np
 from calib import estimation, placements, rig, stage, tables, targets
 from calib.stage import logger
 
-MODELS = {"camera": rig.camera, "lidar": rig.Lidar.from_config}
-
 
 def assigned(name, keypoints, T_robot_sensor, places, options, shapes):
     """Columns of pairs.parquet of one sensor."""
     numbers = sorted(set(keypoints["placement"].tolist()))
     setup = estimation.Setup(
-        models={name: MODELS[options["sensors"][name]["kind"]](options["sensors"][name])},
+        models={name: rig.model(options["sensors"][name])},
         targets=shapes,
         placements=[places[k] for k in numbers],
         groups=placements.groups(keypoints, name, {k: i for i, k in enumerate(numbers)}),

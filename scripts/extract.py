@@ -14,8 +14,8 @@ from calib.stage import logger
 from calib.status import OK, failed
 
 KINDS = {
-    "camera": (tables.VIEWS_CAMERA, rig.camera, extraction.from_camera),
-    "lidar": (tables.VIEWS_LIDAR, rig.Lidar.from_config, extraction.from_lidar),
+    "camera": (tables.VIEWS_CAMERA, extraction.from_camera),
+    "lidar": (tables.VIEWS_LIDAR, extraction.from_lidar),
 }
 
 
@@ -60,13 +60,13 @@ def main(argv=None):
     ).parse_args(argv)
     stage.limit_threads()
     options = args.options
-    schema, model, extract = KINDS[options["sensor"]["kind"]]
+    schema, extract = KINDS[options["sensor"]["kind"]]
     views, status, _ = tables.read(args.views, schema)
     guess = stage.read_json(args.guess)
     keypoints, outcomes, T = tables.empty(tables.KEYPOINTS), [], None
     if status.ok:
         table, _, _ = tables.read(args.placements, tables.PLACEMENTS)
-        job = job_of(options, model(options["sensor"]), table, guess)
+        job = job_of(options, rig.model(options["sensor"]), table, guess)
         keypoints, outcomes, T = extract(job, views)
         status = summary(options["name"], outcomes, keypoints)
     notes = {

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib import frames, rig, stage
 from calib.stage import logger
-from calib.status import OK, Status, failed
+from calib.status import OK, InputError, Status, failed
 
 
 def from_static(audit, body, frame):
@@ -28,7 +28,11 @@ def find(options, audit):
         return None, "none", status
     if "T_robot_sensor" in sensor:
         return rig.pose(sensor["T_robot_sensor"]), "config", OK
-    T = from_static(audit, options["body"], heard["frame"])
+    try:
+        T = from_static(audit, options["body"], heard["frame"])
+    except InputError as error:
+        remedy = f"Mend what publishes it, or write sensors.{name}.T_robot_sensor."
+        return None, "none", failed("a static transform of the log is no pose", error, "", remedy)
     if T is not None:
         return T, "tf_static", OK
     status = failed(

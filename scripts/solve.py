@@ -14,8 +14,6 @@ from calib import estimation, placements, rig, solution, stage, tables, targets
 from calib.stage import logger
 from calib.status import Status
 
-MODELS = {"camera": rig.camera, "lidar": rig.Lidar.from_config}
-
 
 def read_sessions(args, options):
     """(pairs columns, notes, placements by number) of every session, by name."""
@@ -41,7 +39,7 @@ def setup_of(sessions, options):
             groups += placements.groups(rows, name, index)
             start.setdefault(name, np.array(notes[name]["T_robot_sensor"]))
     setup = estimation.Setup(
-        models={n: MODELS[options["sensors"][n]["kind"]](options["sensors"][n]) for n in start},
+        models={n: rig.model(options["sensors"][n]) for n in start},
         targets={n: targets.from_config(c) for n, c in options["targets"].items()},
         placements=places,
         groups=groups,

@@ -219,3 +219,31 @@ def test_still_intervals_leave_out_the_moves(here):
     robot, board = (mocap.trajectory(poses, f"mocap/{b}", 0.05) for b in ("robot", "board"))
     linear, _ = mocap.speeds(mocap.relative(robot, board), 0.3)
     assert np.mean(linear[np.isfinite(linear)] > 0.01) > 0.3
+
+
+def test_a_static_transform_that_is_no_pose_is_a_status_and_no_crash(here, tmp_path):
+    arguments = list(here["guess", "camera"])
+    options = json.loads(arguments[-1])
+    del options["sensor"]["T_robot_sensor"]
+    audit = stage.read_json(f"{HOME}/log.json")
+    broken = {"xyz_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 0]}
+    audit["static"] = [{"parent": "mocap/robot", "child": "camera", "T": broken}]
+    stage.write_json(tmp_path / "log.json", audit)
+    output = tmp_path / "guess.json"
+    paths = ["--audit", str(tmp_path / "log.json"), "--output", str(output)]
+    guess.main([*paths, "--options", json.dumps(options)])
+    found = stage.read_json(output)
+    assert found["T_robot_sensor"] is None
+    assert found["status"]["reason"] == "a static transform of the log is no pose"
+
+
+def test_decode_takes_only_what_lies_between_from_s_and_to_s(here, tmp_path):
+    options = json.loads(here["decode", ""][-1])
+    outputs = [str(tmp_path / n) for n in ("mocap", "frames", "log.json")]
+    names = ("--mocap", "--frames", "--audit")
+    paths = [word for pair in zip(names, outputs, strict=True) for word in pair]
+    decode.main([*paths, "--options", json.dumps(options | {"from_s": 1.0, "to_s": 3.0})])
+    frames, _, _ = tables.read(outputs[1], tables.FRAMES)
+    log_t = frames["log_t"][frames["sensor"] == "velodyne"]
+    assert len(log_t) == pytest.approx(20, abs=1)
+    assert np.ptp(log_t) <= 2e9

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib import crossings, estimation, finding, geometry, images, placements, tables
+from calib import views as windows
 from calib.status import OK, failed
 
 SUPERSET_M = 0.1  # returns this near to the target's surface are handed on; solve decides
@@ -93,8 +94,10 @@ def from_camera(job, views):
     keypoints = tables.concatenate(parts, tables.KEYPOINTS)
     if not parts:
         return keypoints, outcomes, None
-    loose = job.associate | LOOSE
-    return keypoints, outcomes, working_pose(job, keypoints, job.T_robot_sensor, loose, 1000.0)
+    centre = job.expected(int(keypoints["placement"][0]))[:3, 3]
+    wide = windows.margin_px(job.model, centre, job.margin) / job.options["corner_sigma_px"]
+    T = working_pose(job, keypoints, job.T_robot_sensor, job.associate | LOOSE, wide)
+    return keypoints, outcomes, T
 
 
 def from_lidar(job, views):
@@ -114,11 +117,13 @@ def from_lidar(job, views):
         return tables.empty(tables.KEYPOINTS), outcomes, None
     keypoints = tables.concatenate(parts, tables.KEYPOINTS)
     distance = np.linalg.norm(keypoints["xyz"], axis=1).mean()
-    wide = finding.views.spread(job.margin, distance) * distance / job.model.range_sigma
+    wide = windows.spread(job.margin, distance) * distance / job.model.range_sigma
     T = working_pose(job, keypoints, job.T_robot_sensor, job.associate | LOOSE, wide)
     for _ in range(ROUNDS):
         parts = [p for i in found for p in around(job, views, i, T, found)]
         keypoints = tables.concatenate(parts, tables.KEYPOINTS)
+        if not parts:
+            return keypoints, outcomes, None
         T = working_pose(job, keypoints, T, job.associate, 3.0)
     return keypoints, outcomes, T
 

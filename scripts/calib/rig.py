@@ -85,3 +85,11 @@ def camera(config):
         return Camera(config["model"], tuple(config["params"]), tuple(config["size_px"]))
     except ValueError as error:
         raise InputError(str(error)) from None
+
+
+SENSORS = {"camera": camera, "lidar": Lidar.from_config}
+
+
+def model(config):
+    """The Camera or Lidar of a sensor block."""
+    return SENSORS[config["kind"]](config)
