@@ -12,14 +12,14 @@ from markupsafe import Markup
 
 from calib import stage, tables
 from calib.report import figures, funnel, overlays, residuals, summary
-from calib.report.run import VIEWS, Run, Session, Stream, light
+from calib.report.run import LIGHT, VIEWS, Run, Session, Stream
 from calib.stage import logger
 from calib.status import Status
 
 
 def read_stream(sensor, config, guess, views, keypoints):
     """One sensor in one session."""
-    columns, seen = light(views, VIEWS[config["kind"]])
+    columns, seen, _ = tables.read(views, VIEWS[config["kind"]], LIGHT)
     found, status, notes = tables.read(keypoints, tables.KEYPOINTS)
     outcomes = {o["view"]: Status.from_dict(o["status"]) for o in notes["outcomes"]}
     return Stream(sensor, stage.read_json(guess), columns, seen, found, status, outcomes, views)

@@ -593,7 +593,7 @@ def test_payloads_reads_only_what_is_wanted(files):
     rows = run.payloads(path, [1])
     assert list(rows) == [1]
     assert images.from_png(rows[1]["png"]).shape == (240, 320, 3)
-    columns, status = run.light(path, tables.VIEWS_CAMERA)
+    columns, status, _ = tables.read(path, tables.VIEWS_CAMERA, run.LIGHT)
     assert status.ok
     assert set(columns) == set(run.LIGHT)
 

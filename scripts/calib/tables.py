@@ -175,8 +175,8 @@ def empty(schema):
     return {field.name: _numpy(pa.array([], field.type)) for field in schema}
 
 
-def read(path, schema):
-    """A table written by `write` as columns (name -> array), its status and its notes.
+def read(path, schema, names=None):
+    """A table written by `write`: columns (name -> array), all or those named; status; notes.
 
     Raises InputError for a file of another table or version.
     """
@@ -189,8 +189,9 @@ def read(path, schema):
             f"{have.get(b'version', b'?').decode()}, this stage reads {want[b'table'].decode()} "
             f"version {want[b'version'].decode()}: re-run the stage that wrote it"
         )
-    table = pq.read_table(path)
-    columns = {name: _numpy(table[name].combine_chunks()) for name in schema.names}
+    names = list(names or schema.names)
+    table = pq.read_table(path, columns=names)
+    columns = {name: _numpy(table[name].combine_chunks()) for name in names}
     status = Status.from_dict(json.loads(have[b"status"]))
     return columns, status, json.loads(have[b"notes"])
 

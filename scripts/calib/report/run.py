@@ -1,6 +1,5 @@
 """The inputs of the report as plain data."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,9 +8,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from calib import geometry, rig, tables
-from calib.status import InputError, Status
+from calib.status import Status
 
 VIEWS = {"camera": tables.VIEWS_CAMERA, "lidar": tables.VIEWS_LIDAR}
+# Of a view; its payload may not fit in memory.
 LIGHT = ("view", "t", "target", "placement", "kept", "reason")
 BATCH = 16
 
@@ -86,25 +86,6 @@ class Run:
             return np.array(estimate["T_body_target"]["matrix"])
         config = self.options["targets"][target].get("T_body_target")
         return rig.pose(config) if config else np.eye(4)
-
-
-def light(path, schema):
-    """(columns, status) of a views.parquet without the payload, which may not fit in memory."""
-    found = pq.read_schema(path)
-    have = found.metadata or {}
-    if have.get(b"table") != schema.metadata[b"table"] or not found.equals(schema):
-        raise InputError(
-            f"{path}: not a table {schema.metadata[b'table'].decode()}; run crop again"
-        )
-    table = pq.read_table(path, columns=list(LIGHT))
-    columns = {name: _numpy(table[name]) for name in LIGHT}
-    return columns, Status.from_dict(json.loads(have[b"status"]))
-
-
-def _numpy(column):
-    if pa.types.is_dictionary(column.type):
-        return np.asarray(column.to_pylist(), dtype=str)
-    return column.to_numpy()
 
 
 def payloads(path, wanted):
