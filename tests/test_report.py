@@ -581,6 +581,13 @@ def test_levels_agree_with_the_judge():
         assert verdict.worst(cells) == verdict.of_sensor("top", sensor, LIMITS)[0]
 
 
+@pytest.mark.parametrize("large_is_bad", [True, False])
+def test_a_value_that_is_no_number_fails_for_judge_and_report_alike(large_is_bad):
+    key = "sigma_m" if large_is_bad else "placements"
+    assert verdict.level(np.nan, LIMITS, key, large_is_bad) == "fail"
+    assert summary._level(np.nan, LIMITS, key, large_is_bad) == "fail"
+
+
 def test_sigma_turns_into_the_robots_axes():
     R = geometry.from_rpy([0, 0, 0], np.radians([0, 0, 90]))[:3, :3]
     turned = np.sqrt(np.diag(summary.robot_axes(np.diag(SIGMA**2), R)))

@@ -66,6 +66,7 @@ class Lidar:
 
     @classmethod
     def from_config(cls, config):
+        """The Lidar of a sensor block; angles converted to rad."""
         limits = {
             k: tuple(np.radians(config[f"{k}_deg"])) if f"{k}_deg" in config else None
             for k in ("azimuth", "elevation")

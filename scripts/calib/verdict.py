@@ -10,25 +10,30 @@ def worst(levels):
     return max(levels, key=LEVELS.index, default="pass")
 
 
+def level(value, limits, key, large_is_bad=True):
+    """What a value is by the limits warn_<key> and fail_<key>; one that is no number fails."""
+    for grave in ("fail", "warn"):
+        limit = limits[f"{grave}_{key}"]
+        if not (value <= limit if large_is_bad else value >= limit):
+            return grave
+    return "pass"
+
+
 def _above(value, limits, what, unit, key, scale=1.0):
-    """(level, reason) of a value that must stay below the limits warn_<key> and fail_<key>."""
-    for level in ("fail", "warn"):
-        limit = limits[f"{level}_{key}"]
-        # Written so that a value that is no number fails.
-        if not value <= limit:
-            return (
-                level,
-                f"{what} {value * scale:.3g} {unit}, {level} above {limit * scale:.3g} {unit}",
-            )
-    return "pass", ""
+    """(level, reason) of a value that must not exceed its limits."""
+    found = level(value, limits, key)
+    if found == "pass":
+        return found, ""
+    limit = limits[f"{found}_{key}"] * scale
+    return found, f"{what} {value * scale:.3g} {unit}, {found} above {limit:.3g} {unit}"
 
 
 def _below(value, limits, what, key):
-    for level in ("fail", "warn"):
-        limit = limits[f"{level}_{key}"]
-        if value < limit:
-            return level, f"{what} {value}, {level} below {limit}"
-    return "pass", ""
+    """(level, reason) of a value that must reach its limits."""
+    found = level(value, limits, key, large_is_bad=False)
+    if found == "pass":
+        return found, ""
+    return found, f"{what} {value}, {found} below {limits[f'{found}_{key}']}"
 
 
 def of_sensor(name, sensor, limits):
@@ -44,11 +49,11 @@ def of_sensor(name, sensor, limits):
         _above(sensor["rejected"], limits, "rejected", "%", "rejected", 100),
         _below(sensor["placements"], limits, "placements", "placements"),
     )
-    reasons = [f"{name}: {text}" for level, text in checks if level != "pass"]
+    reasons = [f"{name}: {text}" for found, text in checks if found != "pass"]
     weak = sensor["weakest"]
     if any("σ" in r for r in reasons):
         reasons.append(f"{name}: least certain {weak['direction']}; add views that differ there")
-    return worst([level for level, _ in checks]), reasons
+    return worst([found for found, _ in checks]), reasons
 
 
 def of_rig(solution, limits):

@@ -9,6 +9,7 @@ OPTIONAL = ()
 
 
 def project(k, x, y, z):
+    """Equation 40; outside the domain finite and without meaning."""
     xi, alpha = k[4], k[5]
     r2 = x * x + y * y
     d1 = np.sqrt(r2 + z * z + 1e-300)
@@ -29,6 +30,7 @@ def domain(k, x, y, z):
 
 
 def unproject(k, u, v):
+    """Equations 46 to 49; ok is false beyond the image of the domain."""
     xi, alpha = k[4], k[5]
     mx, my = (u - k[2]) / k[0], (v - k[3]) / k[1]
     r2 = mx * mx + my * my

@@ -6,10 +6,10 @@ import json
 import numpy as np
 
 from calib import geometry
+from calib import verdict as judge
 from calib.report import text
 
 MM, DEG = 1e3, np.degrees(1.0)
-LEVELS = ("pass", "warn", "fail")
 
 
 def largest_sigmas(sensor):
@@ -33,13 +33,8 @@ def checks(sensor):
 
 
 def _level(value, limits, key, large_is_bad):
-    if value is None:
-        return "fail"
-    for level in ("fail", "warn"):
-        limit = limits.get(f"{level}_{key}")
-        if limit is not None and (value > limit if large_is_bad else value < limit):
-            return level
-    return "pass"
+    """The judge's own level; a sensor without the value fails."""
+    return "fail" if value is None else judge.level(value, limits, key, large_is_bad)
 
 
 def _limit(limits, key, factor, large_is_bad):
