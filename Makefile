@@ -1,15 +1,19 @@
 .DEFAULT_GOAL := help
-.PHONY: help setup test lint lock clean
+.PHONY: help setup demo test lint benchmark benchmark-quick lock clean
 .DELETE_ON_ERROR:
 
 help: ## list the targets
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 12
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
 
 setup: .venv/.installed ## make .venv from requirements.txt (every target does so first)
 
 .venv/.installed: requirements.txt workflow/setup.sh
 	@workflow/setup.sh
 	@touch $@
+
+demo: .venv/.installed ## make recordings with known truth in demo/ and calibrate them
+	.venv/bin/python scripts/simulate.py demo --rig demo
+	.venv/bin/snakemake -d demo --cores 2
 
 test: .venv/.installed ## run the tests
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest
@@ -20,6 +24,12 @@ lint: .venv/.installed ## check the code's and the workflow's style
 	.venv/bin/snakefmt --check Snakefile workflow
 	.venv/bin/snakemake --lint
 
+benchmark: .venv/.installed ## measure accuracy and cost into docs/benchmark.md
+	.venv/bin/python scripts/benchmark.py benchmark
+
+benchmark-quick: .venv/.installed ## the same with the fewest placements, to the terminal
+	.venv/bin/python scripts/benchmark.py benchmark --quick
+
 lock: .venv/.installed ## resolve requirements.in into requirements.txt (UPGRADE=--upgrade: newest versions)
 	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes \
 		--no-emit-index-url --no-header $(UPGRADE) requirements.in -o requirements.txt
@@ -27,5 +37,5 @@ lock: .venv/.installed ## resolve requirements.in into requirements.txt (UPGRADE
 	sed -n '/^# development/q; s/^\([^#]*[^# ]\).*/      - \1/p' requirements.in >>workflow/envs/calib.yaml
 
 clean: ## remove caches and the demo's files
-	rm -rf demo .pytest_cache .ruff_cache .hypothesis .setup.log
+	rm -rf demo benchmark .pytest_cache .ruff_cache .hypothesis .setup.log
 	find scripts tests -name __pycache__ -prune -exec rm -rf {} +

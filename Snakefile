@@ -215,6 +215,8 @@ rule report:
         code=code("report"),
     output:
         html=report("results/{rig}/report.html", category="Calibration"),
+        pdf="results/{rig}/report.pdf",
+        figures=expand("results/{{rig}}/figures/{name}.svg", name=FIGURES),
     log:
         "results/{rig}/report.log",
     conda:
@@ -227,6 +229,7 @@ rule report:
         " --iterations {input.iterations:q} --audits {input.audits:q}"
         " --placements {input.placements:q} --guesses {input.guesses:q} --views {input.views:q}"
         " --keypoints {input.keypoints:q} --template {input.template:q} --html {output.html:q}"
+        " --pdf {output.pdf:q} --figures {output.figures:q}"
         " --options {params.options:q} 2> {log:q}"
 
 

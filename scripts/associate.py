@@ -3,7 +3,7 @@
 Reads   keypoints.parquet of all sensors of a session, placements.parquet
 Writes  pairs.parquet: the keypoints with the feature each belongs to, -1 for none; its notes hold
         the working pose and the status of every sensor
-Decides with calib.association, from the pose that extract worked out for each sensor.
+Decides with calib.kinds, from the pose that extract worked out for each sensor.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ def assigned(name, keypoints, T_robot_sensor, places, options, shapes):
     state = estimation.start(setup, {name: T_robot_sensor}, 3.0)
     parts = [
         g.keypoints | {"sensor": np.full(len(a.feature), name), "feature": a.feature}
-        for g, a in zip(setup.groups, estimation.assign_all(setup, state), strict=True)
+        for g, a in zip(setup.groups, estimation.assign_first(setup, state), strict=True)
     ]
     return tables.concatenate(parts, tables.PAIRS)
 

@@ -10,19 +10,17 @@ Starts from the guess and refines its working pose over its own views; never fro
 import numpy as np
 
 from calib import extraction, placements, rig, stage, tables, targets
+from calib.extraction import job
 from calib.stage import logger
 from calib.status import OK, failed
 
-KINDS = {
-    "camera": (tables.VIEWS_CAMERA, extraction.from_camera),
-    "lidar": (tables.VIEWS_LIDAR, extraction.from_lidar),
-}
+SCHEMAS = {"camera": tables.VIEWS_CAMERA, "lidar": tables.VIEWS_LIDAR}
 
 
 def job_of(options, model, table, guess):
     """What extraction needs to know of this sensor and session."""
     sigma = np.array(guess["sigma"])
-    return extraction.Job(
+    return job.Job(
         name=options["name"],
         model=model,
         targets={n: targets.from_config(c) for n, c in options["targets"].items()},
@@ -60,14 +58,14 @@ def main(argv=None):
     ).parse_args(argv)
     stage.limit_threads()
     options = args.options
-    schema, extract = KINDS[options["sensor"]["kind"]]
-    views, status, _ = tables.read(args.views, schema)
+    kind = options["sensor"]["kind"]
+    views, status, _ = tables.read(args.views, SCHEMAS[kind])
     guess = stage.read_json(args.guess)
     keypoints, outcomes, T = tables.empty(tables.KEYPOINTS), [], None
     if status.ok:
         table, _, _ = tables.read(args.placements, tables.PLACEMENTS)
-        job = job_of(options, rig.model(options["sensor"]), table, guess)
-        keypoints, outcomes, T = extract(job, views)
+        known = job_of(options, rig.model(options["sensor"]), table, guess)
+        keypoints, outcomes, T = extraction.SENSORS[kind](known, views)
         status = summary(options["name"], outcomes, keypoints)
     notes = {
         "outcomes": [{"view": v, "status": s.to_dict()} for v, s in outcomes],

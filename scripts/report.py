@@ -1,57 +1,34 @@
-"""What a person must know of a calibration, as one page that opens anywhere.
+"""What a person must know of a calibration, as one page that opens anywhere, and on paper.
 
 Reads   calibration.json, verdict.json, residuals.parquet, iterations.parquet; log.json and
         placements.parquet of all sessions; guess.json, views.parquet and keypoints.parquet of all
         their sensors; the page's template
-Writes  report.html, complete in itself: figures, images and style inside
+Writes  report.html, complete in itself: figures, images and style inside; report.pdf, the same for
+        paper; figures/*.svg, the main figures with all sensors
 Decides nothing; what could not be done is shown with its reason, found, expected and remedy.
 """
 
 import jinja2
 from markupsafe import Markup
 
-from calib import stage, tables
-from calib.report import figures, funnel, overlays, residuals, summary
-from calib.report.run import LIGHT, VIEWS, Run, Session, Stream
+from calib import stage
+from calib.report import (
+    coverage,
+    coverage_figures,
+    extrinsics,
+    figures,
+    funnel,
+    overlays,
+    paper,
+    plots,
+    residuals,
+    rig_figure,
+    summary,
+)
+from calib.report.inputs import read_run
 from calib.stage import logger
-from calib.status import Status
 
-
-def read_stream(sensor, config, guess, views, keypoints):
-    """One sensor in one session."""
-    columns, seen, _ = tables.read(views, VIEWS[config["kind"]], LIGHT)
-    found, status, notes = tables.read(keypoints, tables.KEYPOINTS)
-    outcomes = {o["view"]: Status.from_dict(o["status"]) for o in notes["outcomes"]}
-    return Stream(sensor, stage.read_json(guess), columns, seen, found, status, outcomes, views)
-
-
-def read_sessions(args, options):
-    """Sessions by name; per-sensor files come by session, then sensor, both sorted."""
-    of_sensors = zip(args.guesses, args.views, args.keypoints, strict=True)
-    out = {}
-    paths = zip(sorted(options["sessions"]), args.audits, args.placements, strict=True)
-    for name, audit, placements in paths:
-        streams = {
-            s: read_stream(s, options["sensors"][s], *next(of_sensors))
-            for s in sorted(options["sessions"][name])
-        }
-        table, status, notes = tables.read(placements, tables.PLACEMENTS)
-        still = {target: Status.from_dict(note) for target, note in notes.items()}
-        out[name] = Session(stage.read_json(audit), table, status, still, streams)
-    return out
-
-
-def read_run(args):
-    """Everything the report shows."""
-    options = args.options
-    return Run(
-        options=options,
-        calibration=stage.read_json(args.calibration),
-        verdict=stage.read_json(args.verdict),
-        residuals=tables.read(args.residuals, tables.RESIDUALS)[0],
-        iterations=tables.read(args.iterations, tables.ITERATIONS)[0],
-        sessions=read_sessions(args, options),
-    )
+COLUMNS = {"extrinsics": 1, "coverage": 1, "residuals": 3}  # of the figures that are written
 
 
 def content(run):
@@ -61,14 +38,13 @@ def content(run):
         "rig": run.options["rig"],
         "body": run.options["body"],
         "verdict": summary.verdict(run),
-        "extrinsics": summary.extrinsics(run),
-        "between": summary.between(run),
+        "extrinsics": [extrinsics.of_sensor(run, n) for n in run.sensors],
+        "rig_figure": rig_figure.draw(run),
+        "between": extrinsics.between(run),
         "unknowns": summary.other_unknowns(run),
         "sessions": [session(run, name) for name in run.sessions],
-        "residuals": [
-            {"name": n, "rows": residuals.overview(run, n), "figures": figures.of_sensor(run, n)}
-            for n in run.sensors
-        ],
+        "coverage": [covered(run, n) for n in run.sensors],
+        "residuals": [left_over(run, n) for n in run.sensors],
         "noise": residuals.noise(run),
         "mocap_factor": run.calibration["noise"]["mocap_factor"],
         "overlays": [
@@ -77,6 +53,25 @@ def content(run):
         ],
         "convergence": summary.convergence(run),
         "provenance": summary.provenance(run),
+    }
+
+
+def covered(run, name):
+    """Coverage of one sensor."""
+    found = coverage.of_sensor(run, name)
+    drawing = coverage_figures.draw(run, name, found) if found else None
+    told = {"row": coverage.row(run, name, found), "kind": run.sensors[name]["kind"]}
+    return told | {"drawing": drawing}
+
+
+def left_over(run, name):
+    """Residuals of one sensor."""
+    return {
+        "name": name,
+        "kind": run.sensors[name]["kind"],
+        "rows": residuals.overview(run, name),
+        "rejected": residuals.rejected(run, name),
+        "figures": figures.of_sensor(run, name),
     }
 
 
@@ -108,22 +103,42 @@ def arguments(argv):
         keypoints="*input, one per session and sensor",
         template="input, Jinja2",
         html="output",
+        pdf="output",
+        figures="*output, named after what they show",
         options="slice of the config",
     ).parse_args(argv)
+
+
+def page(template, shown, on_paper):
+    """The page for the screen or for paper."""
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["drawn"] = lambda d: Markup(plots.on_paper(d) if on_paper else d.svg)
+    return environment.from_string(template).render(shown, on_paper=on_paper)
+
+
+def write_figures(paths, shown):
+    """The main figures, each with all sensors, as files."""
+    drawn = {
+        "extrinsics": [shown["rig_figure"]],
+        "coverage": [c["drawing"] for c in shown["coverage"]],
+        "residuals": [f for r in shown["residuals"] for f in r["figures"]],
+    }
+    for path in paths:
+        parts = [d for d in drawn[path.stem] if d]
+        path.write_text(plots.sheet(parts, COLUMNS[path.stem]))
 
 
 def main(argv=None):
     args = arguments(argv)
     run = read_run(args)
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters["drawn"] = Markup
-    template = environment.from_string(args.template.read_text())
-    args.html.write_text(template.render(content(run)))
-    logger.info(
-        "%s: %s, %d bytes", run.options["rig"], run.verdict["verdict"], args.html.stat().st_size
-    )
+    shown, template = content(run), args.template.read_text()
+    args.html.write_text(page(template, shown, on_paper=False))
+    args.pdf.write_bytes(paper.to_pdf(page(template, shown, on_paper=True)))
+    write_figures(args.figures, shown)
+    sizes = args.html.stat().st_size, args.pdf.stat().st_size
+    logger.info("%s: %s, %d and %d bytes", run.options["rig"], run.verdict["verdict"], *sizes)
 
 
 if __name__ == "__main__":

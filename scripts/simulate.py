@@ -1,26 +1,59 @@
-"""Write a recording with known truth: a robot with a VLP-16 and a camera, targets, motion capture.
+"""Write recordings with known truth: a robot with lidars and cameras, targets, motion capture.
 
-Robot and targets rest for --hold-s at every placement, each target in view of the lidar and the
-first one of the camera, and move smoothly in between. Into OUT go
+Robot and targets rest for --hold-s at every placement, each target in view of the sensors that
+the rig (calib/sim/rigs.py) names for it, and move smoothly in between. Into OUT go
 
-    logs/sim.mcap        /tf 100 Hz, /velodyne_points 10 Hz, /camera/image_raw
-    config/              config.yaml, rigs/sim.yaml, targets/*.yaml: ready for `snakemake -d OUT`
+    logs/<session>.mcap  /tf 100 Hz, a cloud per lidar 10 Hz, image and CameraInfo per camera
+    config/              config.yaml, rigs/<rig>.yaml, targets/*.yaml: ready for `snakemake -d OUT`
     truth.json           T_robot_sensor, placements with T_robot_target, and everything else drawn
 
 Surfaces are met exactly, points are taken while the lidar turns, pixels are integrals. The same
 arguments give the same bytes; a noise switched on or off leaves rig and placements as they are.
+--rig sim: one lidar, one camera, no noise. --rig demo: two lidars and two cameras whose views do
+not overlap, two sessions, the noise of a laboratory.
 """
 
 import argparse
+import os
 import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 
-from calib.geometry import pose, so3_exp
-from calib.sim import files, log, motion, placements, record, scene
+from calib.sim import files, log, mocap, motion, mounts, placements, record, rigs, scene
 
-RIG, PLACES, GUESS, BIAS, MOUNTS = range(5)  # streams of random numbers
+RIG, PLACES, GUESS, BIAS, MOUNTS, BEAMS, SWAPS = range(7)  # streams of random numbers
+SENSORS = (  # flag, what it takes, what it does; of all lidars or all cameras of the rig
+    ("--sector-deg", {"type": float}, "azimuths recorded: ± about the lidar's x"),
+    ("--lidar", {"choices": list(rigs.LIDARS)}, "cloud format, with a scan pattern that fits"),
+    ("--camera-hz", {"type": float}, "images per second"),
+    ("--camera-model", {"choices": rigs.models()}, "with parameters for 900 by 700 px"),
+    ("--encoding", {"choices": ["bgr8", "mono8"]}, "of Image"),
+    ("--compressed", {"choices": list(rigs.COMPRESSED)}, "CompressedImage instead of Image"),
+    ("--distortion", {"type": float, "nargs": 4, "metavar": ("K1", "K2", "P1", "P2")}, "radtan"),
+)
+ERRORS = (  # flag, default, what it is
+    ("--range-noise-m", 0.0, "along the beam, standard deviation"),
+    ("--beam-bias-m", 0.0, "of each beam's range, drawn once, standard deviation"),
+    ("--beam-divergence-deg", 0.0, "angle across a beam; more than 0 mixes returns at edges"),
+    ("--image-noise", 0.0, "grey levels per channel, standard deviation"),
+    ("--blur-px", 0.0, "of the lens: Gaussian, standard deviation"),
+    ("--exposure-s", 0.0, "how long a shutter is open, half of it before the stamp"),
+    ("--mcs-noise-m", 0.0, "per axis and sample, standard deviation"),
+    ("--mcs-noise-deg", 0.0, "likewise"),
+    ("--mcs-bias-m", 0.0, "per axis, drawn once per body and placement"),
+    ("--mcs-bias-deg", 0.0, "likewise"),
+    ("--mcs-late-s", 0.0, "by which its stamps are late"),
+    ("--mcs-dropout", 0.0, "share of each body's samples that is lost, in bursts"),
+    ("--mount-m", 0.0, "unstated offset of a target in its body: length"),
+    ("--mount-deg", 0.0, "and angle"),
+    ("--target-scale", 1.0, "size of the targets as built over the size written in the config"),
+    ("--guess-error-m", 0.03, "written guess: uniform per axis within ±"),
+    ("--guess-error-deg", 5.0, "likewise"),
+)
 
 
 def parse(argv):
@@ -29,30 +62,19 @@ def parse(argv):
     )
     add = parser.add_argument
     add("out", type=Path, metavar="OUT")
+    add("--rig", choices=list(rigs.RIGS), default="sim")
     add("--seed", type=int, default=1)
-    add("--placements", type=int, default=10)
+    add("--placements", type=int, default=10, help="of each session")
     add("--hold-s", type=float, default=1.0, help="how long everything rests at a placement")
     add("--move-s", type=float, default=0.8, help="how long it moves to the next")
     add("--targets", type=_targets, default=["board", "cylinder"], help="default board,cylinder")
-    add("--range-noise-m", type=float, default=0.0, help="along the beam, standard deviation")
-    add("--image-noise", type=float, default=0.0, help="grey levels per channel, likewise")
-    add("--mcs-noise-m", type=float, default=0.0, help="per axis and sample, likewise")
-    add("--mcs-noise-deg", type=float, default=0.0)
-    add("--mcs-bias-m", type=float, default=0.0, help="per axis, drawn once per body and placement")
-    add("--mcs-bias-deg", type=float, default=0.0)
-    add("--mcs-late-s", type=float, default=0.0, help="by which its stamps are late")
-    add(
-        "--mount-m", type=float, default=0.0, help="unstated offset of a target in its body: length"
-    )
-    add("--mount-deg", type=float, default=0.0, help="and angle")
-    add(
-        "--guess-error-m", type=float, default=0.03, help="written guess: uniform per axis within ±"
-    )
-    add("--guess-error-deg", type=float, default=5.0)
-    add("--sector-deg", type=float, default=100.0, help="azimuths recorded: ± about the lidar's x")
-    add("--camera-hz", type=float, default=4.0)
-    add("--encoding", choices=["bgr8", "mono8"], default="bgr8")
-    add("--distortion", type=float, nargs=4, default=[0.0] * 4, metavar=("K1", "K2", "P1", "P2"))
+    add("--label-swaps", type=int, default=0, help="times that two bodies exchange their names")
+    for flag, kind, what in SENSORS:
+        add(flag, help=what, **kind)
+    for flag, default, what in ERRORS:
+        add(flag, type=float, default=default, help=what)
+    named = parser.parse_known_args(argv)[0].rig
+    parser.set_defaults(**rigs.RIGS[named].defaults)
     return parser.parse_args(argv)
 
 
@@ -64,37 +86,75 @@ def _targets(text):
 
 
 def draw(args):
-    """Session of the arguments, and the guesses T_robot_sensor (4, 4) to be written, by sensor."""
-    rng = [np.random.default_rng([args.seed, stream]) for stream in range(5)]
-    world = scene.build(args.targets)
-    rig = placements.draw_rig(rng[RIG], args.distortion)
-    times = motion.placement_times(args.placements, args.hold_s, args.move_s)
-    knots = placements.draw(rng[PLACES], world, rig, args.targets, args.placements)
-    error = (args.guess_error_m, args.guess_error_deg)
-    guesses = {k: placements.perturb(rng[GUESS], T, *error) for k, T in rig.sensors.items()}
+    """Sessions of the arguments, and the guesses T_robot_sensor (4, 4) to be written, by sensor."""
+    rig = rigs.customised(rigs.RIGS[args.rig], args)
+    built = mounts.build(rig, _rng(args, RIG), _rng(args, BEAMS), args.beam_bias_m)
+    error, rng = (args.guess_error_m, args.guess_error_deg), _rng(args, GUESS)
+    guesses = {k: mounts.perturb(rng, T, *error) for k, T in built.sensors.items()}
+    rng = _rng(args, MOUNTS)
+    shifts = {k: mounts.displacement(rng, args.mount_m, args.mount_deg) for k in args.targets}
+    kinds = rigs.kinds(rig, args.targets)
+    sessions = [_session(args, built, kinds, shifts, *s) for s in enumerate(rig.sessions)]
+    return sessions, guesses
+
+
+def _rng(args, stream, session=0):
+    return np.random.default_rng([args.seed, stream, session])
+
+
+def _session(args, built, kinds, shifts, number, name):
+    """The record.Session of that number and name."""
+    rng = [_rng(args, stream, number) for stream in range(SWAPS + 1)]
+    # Drawn with targets of the size written in the config, whatever size they are built in.
+    drawn = placements.draw(rng[PLACES], scene.build(args.targets), built, kinds, args.placements)
+    times = motion.placement_times(drawn.slots, args.hold_s, args.move_s)
     sigma = np.repeat([args.mcs_bias_m, np.deg2rad(args.mcs_bias_deg)], 3)
-    biases = {k: sigma * rng[BIAS].standard_normal((args.placements, 6)) for k in knots}
-    mounts = {k: _mount(rng[MOUNTS], args.mount_m, args.mount_deg) for k in args.targets}
-    return record.Session(world, rig, times, knots, mounts, biases, args), guesses
+    biases = {k: sigma * rng[BIAS].standard_normal((args.placements, 6)) for k in drawn.knots}
+    bodies = [record.ROBOT, *(scene.TARGETS[k]["body"] for k in args.targets)]
+    swaps = mocap.draw_swaps(rng[SWAPS], args.label_swaps, bodies, *record.span(times))
+    world = scene.build(args.targets, args.target_scale)
+    motions = (times, drawn.knots, shifts, biases, swaps)
+    return record.Session(name, number, world, built, *motions, args)
 
 
-def _mount(rng, length_m, angle_deg):
-    """A pose (4, 4) of that length and angle, in random directions."""
-    shift, axis = rng.standard_normal((2, 3))
-    shift, axis = shift / np.linalg.norm(shift), axis / np.linalg.norm(axis)
-    return pose(so3_exp(np.deg2rad(angle_deg) * axis), length_m * shift)
+def write(session):
+    """Write the session's log, telling how far it is; what it holds, in words."""
+    path = session.args.out / files.log_path(session.name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    counts = log.write(path, told(session, record.messages(session)))
+    listed = ", ".join(f"{n} on {topic}" for topic, n in sorted(counts.items()))
+    return f"wrote {path}: {listed}; {path.stat().st_size / 1e6:.1f} MB"
+
+
+def write_all(sessions):
+    """What `write` says of every session; several are written in processes of their own."""
+    if len(sessions) == 1:
+        return [write(sessions[0])]
+    # Threads of NumPy's would take the cores from the other process; they start with NumPy.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        return list(pool.map(write, sessions))
+
+
+def told(session, messages):
+    """The messages, with a line on stderr for every tenth of the session."""
+    start, end = record.span(session.times)
+    begun, tenth = time.monotonic(), 1
+    for message in messages:
+        if message[0] >= start + tenth * (end - start) / 10:
+            took = time.monotonic() - begun
+            print(f"{session.name}: {10 * tenth} %, {took:.0f} s", file=sys.stderr, flush=True)
+            tenth += 1
+        yield message
 
 
 def main(argv=None):
     args = parse(argv)
-    session, guesses = draw(args)
-    files.write_config(args.out / "config", session, guesses)
-    path = args.out / files.LOG
-    path.parent.mkdir(parents=True, exist_ok=True)
-    counts = log.write(path, record.messages(session))
-    files.write_truth(args.out / "truth.json", session, guesses)
-    listed = ", ".join(f"{n} on {topic}" for topic, n in sorted(counts.items()))
-    print(f"wrote {path}: {listed}; {path.stat().st_size / 1e6:.1f} MB", file=sys.stderr)
+    sessions, guesses = draw(args)
+    files.write_config(args.out / "config", args.rig, sessions, guesses)
+    files.write_truth(args.out / "truth.json", sessions, guesses)
+    for line in write_all(sessions):
+        print(line, file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ nothing moves. A sensor that the data cannot place gets no pose, and stops no ot
 
 import numpy as np
 
-from calib import estimation, placements, rig, solution, stage, tables, targets
+from calib import estimation, kinds, placements, rig, solution, stage, tables, targets
 from calib.stage import logger
 from calib.status import Status
 
@@ -59,6 +59,13 @@ def statuses(sessions, options):
     return out
 
 
+def limits(setup, options):
+    """Most rounds, and the step in m and rad below which the estimate has settled."""
+    by_points = any(kinds.by_nearest_point(g.kind) for g in setup.groups)
+    prefix = "points_" if by_points else ""
+    return options["max_rounds"], *(options[f"{prefix}tolerance_{u}"] for u in ("m", "rad"))
+
+
 def main(argv=None):
     args = stage.parser(
         __doc__,
@@ -72,8 +79,7 @@ def main(argv=None):
     options = args.options
     sessions = read_sessions(args, options)
     setup, start = setup_of(sessions, options)
-    limits = [options["solve"][k] for k in ("max_rounds", "tolerance_m", "tolerance_rad")]
-    result = estimation.estimate(setup, start, *limits, noise=10.0)
+    result = estimation.estimate(setup, start, *limits(setup, options["solve"]), noise=10.0)
     known = statuses(sessions, options)
     stage.write_json(args.solution, solution.as_json(setup, result, known, options))
     tables.write(args.residuals, tables.RESIDUALS, solution.residuals(setup, result))

@@ -269,7 +269,7 @@ def test_a_missing_key_is_named_with_its_path(what, path, words):
         ("rig", "sensors.left.size_px", [640.5, 480], "size_px.0: 640.5 is not of type 'integer'"),
         ("rig", "sensors.left", "none", "sensors.left: 'none' is not of type 'object'"),
         ("rig", "mocap.topics", "/tf", "mocap.topics: '/tf' is not of type 'array'"),
-        ("diamond", "shape", "ball", "shape: 'ball' is not one of ['board', 'cylinder']"),
+        ("diamond", "shape", "ball", "shape: 'ball' is not one of ['board', 'cylinder', 'cloud']"),
         ("diamond", "outline_m", [[0, 0], [1, 0]], "outline_m: [[0, 0], [1, 0]] is too short"),
         ("diamond", "pattern.inner_corners", [6, 2], "pattern.inner_corners.1: 2 is less than the"),
         ("cylinder", "radius_m", 0, "radius_m: 0 is less than or equal to the minimum of 0"),

@@ -3,18 +3,34 @@
 import copy
 import json
 import re
+import sys
 from pathlib import Path
-from unittest.mock import Mock
+from types import SimpleNamespace
+from unittest.mock import MagicMock, patch
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import yaml
 
 import report
 from calib import config, geometry, images, rig, stage, tables, targets, verdict
-from calib.report import overlays, plots, run, summary, text
+from calib.report import (
+    extrinsics,
+    overlays,
+    paper,
+    plots,
+    residuals,
+    rig_figure,
+    run,
+    summary,
+    terminal,
+    text,
+)
 from calib.status import OK, InputError, failed
 
-TEMPLATE = Path(__file__).parents[1] / "workflow" / "report" / "report.html.j2"
+ROOT = Path(__file__).parents[1]
+TEMPLATE = ROOT / "workflow" / "report" / "report.html.j2"
 BOARD = {
     "body": "mcs/board",
     "shape": "board",
@@ -311,6 +327,8 @@ class Files:
             "iterations": [self.table("iterations", tables.ITERATIONS, self.iterations)],
             "template": [TEMPLATE],
             "html": [self.folder / "report.html"],
+            "pdf": [self.folder / "report.pdf"],
+            "figures": [self.folder / f"{name}.svg" for name in report.COLUMNS],
             "options": [json.dumps(self.options)],
         }
         return [str(v) for key, values in arguments.items() for v in (f"--{key}", *values)]
@@ -340,8 +358,9 @@ class Files:
         return self.folder / f"{name}.parquet"
 
     def render(self):
-        """The page as it stands."""
-        report.main(self.write())
+        """The page as it stands; printing it would take most of the time."""
+        with patch.object(paper, "to_pdf", return_value=b"%PDF"):
+            report.main(self.write())
         return (self.folder / "report.html").read_text()
 
 
@@ -354,16 +373,29 @@ def files(tmp_path):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Figures are named but not drawn, which takes most of the time."""
-    monkeypatch.setattr(plots, "figure", lambda *_, **__: (Mock(), Mock()))
-    monkeypatch.setattr(
-        plots, "to_svg", lambda fig, name, label: f'<svg aria-label="{label}"></svg>'
-    )
+
+    def drawing(fig, name, label, caption, span=1, vector=False):
+        svg = f'<svg viewBox="0 0 1 1" aria-label="{label}"></svg>'
+        return plots.Drawing(svg, None, caption, "", span)
+
+    monkeypatch.setattr(plots, "panels", lambda n, *_, **__: (MagicMock(), [MagicMock()] * len(n)))
+    monkeypatch.setattr(plots, "drawing", drawing)
+    monkeypatch.setattr(rig_figure, "_seen", MagicMock())
+    monkeypatch.setattr(rig_figure, "_bars", MagicMock())
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory):
+def printed(tmp_path_factory):
+    """The folder with all that the report of a good run writes."""
+    files = Files(tmp_path_factory.mktemp("good"))
+    report.main(files.write())
+    return files.folder
+
+
+@pytest.fixture(scope="module")
+def page(printed):
     """The page of a good run."""
-    return Files(tmp_path_factory.mktemp("good")).render()
+    return (printed / "report.html").read_text()
 
 
 def words(page):
@@ -374,7 +406,7 @@ def words(page):
 
 def test_sections_come_in_order(page):
     found = re.findall(r"<h2>(\d) ", page)
-    assert found == list("123456789")
+    assert found == list("12345678")
 
 
 @pytest.mark.parametrize(
@@ -382,8 +414,11 @@ def test_sections_come_in_order(page):
     [
         "PASS 2 of 2 sensors calibrated from 1 session",
         "warn above 5, fail above 20",
-        "roll, ° −90.000",
-        "x, mm 200.0",
+        "roll, ° −90.0000 −90.0000 0.0057 0.0000",
+        "x, mm 226.0 200.0 1.3 −26.0",
+        "Rejected: 5 % , 299 of 5 977 candidates",
+        "4 of 100 cells of the image",
+        "4 of 36 sectors of azimuth, elevation −18 to 2.3°",
         "placements 12",
         "observations 34",
         "rejected 5 %",
@@ -393,9 +428,8 @@ def test_sections_come_in_order(page):
         "least certain: translation along z (up) of the robot, σ 3 mm",
         "the point (1, 0, 0) m of top lies at (1.0660, 0.4500, 0.6000) m in the robot frame",
         "T_left_top",
-        "time offset of left not estimated",
-        "intrinsics of left not estimated",
-        "alignment of board in its MCS body not estimated",
+        "Not estimated: time offset of left, intrinsics of left, time offset of top, "
+        "alignment of board in its MCS body, alignment of pipe in its MCS body.",
         "3 × repeated",
         "not kept: 1 not still",
         "widened by a factor of 1.25",
@@ -429,12 +463,16 @@ def test_ids_that_figures_refer_to_are_their_own(page):
 def test_follows_light_and_dark(page):
     assert "prefers-color-scheme: dark" in page
     assert "@media print" in page
-    # No stand-in colour of a figure is left.
-    assert not re.search("#010203|#040506|#070809", page)
+    # No figure has a colour of the light page of its own.
+    drawn = "".join(re.findall("<svg.*?</svg>", page, flags=re.S))
+    assert "var(--ink)" in drawn
+    assert not re.search("|".join(plots.THEME), drawn)
 
 
-def test_same_inputs_same_bytes(page, files):
-    assert files.render() == page
+def test_same_inputs_same_bytes(printed, files):
+    report.main(files.write())
+    for name in ("report.html", "report.pdf", *(f"{figure}.svg" for figure in report.COLUMNS)):
+        assert (files.folder / name).read_bytes() == (printed / name).read_bytes(), name
 
 
 def test_every_figure_has_a_caption(page):
@@ -456,7 +494,7 @@ def test_sensor_without_a_pose_says_what_to_do_and_shows_no_guess(files, undrawn
     assert text.fixed(1e3 * guess[0], 1) not in said
     assert "No residual: nothing of this sensor reached the solve." in said
     # The other sensor keeps its numbers.
-    assert "x, mm 200.0" in said
+    assert "x, mm 226.0 200.0" in said
 
 
 def test_nothing_at_all(files):
@@ -494,7 +532,7 @@ def test_no_session_and_no_sensor(files, undrawn):
     assert "0 of 0 sensors" in words(files.render())
 
 
-def test_views_without_a_find_are_shown_and_explained(files):
+def test_views_without_a_find_are_shown_and_explained(files, undrawn):
     columns, _, outcomes = files.keypoints["s1", "left"]
     keep = np.asarray(columns["view"]) != 1
     outcomes = outcomes | {1: NOT_FOUND}
@@ -588,10 +626,196 @@ def test_a_value_that_is_no_number_fails_for_judge_and_report_alike(large_is_bad
     assert summary._level(np.nan, LIMITS, key, large_is_bad) == "fail"
 
 
-def test_sigma_turns_into_the_robots_axes():
-    R = geometry.from_rpy([0, 0, 0], np.radians([0, 0, 90]))[:3, :3]
-    turned = np.sqrt(np.diag(summary.robot_axes(np.diag(SIGMA**2), R)))
-    assert np.allclose(turned, SIGMA[[1, 0, 2, 4, 3, 5]])
+def test_sigmas_are_those_of_the_numbers_beside_them():
+    for T in (*POSES.values(), geometry.from_rpy([1, 2, 3], [0.4, -0.7, 2.1])):
+        step = 1e-6
+        moved = [T @ geometry.se3_exp(step * axis) for axis in np.eye(6)]
+        J = np.array([extrinsics.difference(there, T) for there in moved]).T / step
+        told = extrinsics.sigmas(T, np.diag(SIGMA**2))
+        np.testing.assert_allclose(np.sqrt((J * SIGMA) ** 2 @ np.ones(6)), told, rtol=1e-4)
+
+
+@pytest.mark.filterwarnings("ignore:Gimbal lock")
+def test_angles_without_a_meaning_of_their_own_have_no_sigma():
+    T = geometry.from_rpy([1, 2, 3], [0.3, np.pi / 2, 0.1])
+    sigma = extrinsics.sigmas(T, np.diag(SIGMA**2))
+    assert np.isfinite(sigma[:3]).all() and np.isnan(sigma[3:]).all()
+    assert [r["sigma"] for r in extrinsics.rows(T, np.diag(SIGMA**2), None, None)][3:] == ["–"] * 3
+
+
+def test_angles_differ_by_less_than_half_a_turn():
+    one, other = (geometry.from_rpy([0, 0, 0], np.radians([0, 0, yaw])) for yaw in (179, -179))
+    assert extrinsics.difference(other, one)[5] == pytest.approx(2)
+
+
+def test_the_error_of_draws_from_the_covariance_is_one_sigma():
+    rng = np.random.default_rng(2)
+    P, T = np.diag(SIGMA**2), POSES["left"]
+    xi = SIGMA * rng.standard_normal((300, 6))
+    nees = [extrinsics.error(T @ geometry.se3_exp(x), P, T)[2] for x in xi]
+    assert np.mean(nees) == pytest.approx(1, abs=0.15)
+    inside = np.mean([extrinsics.NEES_95[0] < v < extrinsics.NEES_95[1] for v in nees])
+    assert inside == pytest.approx(0.95, abs=0.03)
+
+
+def test_truth_is_shown_beside_the_results(files):
+    files.options["report"]["max_overlays"] = 1
+    off = geometry.se3_exp([0.002, 0, 0, 0, 0, 0])
+    files.options["truth"] = {n: {"matrix": (T @ off).tolist()} for n, T in POSES.items()}
+    said = words(files.render())
+    # 2 mm along an axis of σ 1 mm: NEES 4.
+    assert "error against the truth 2 mm, 0° (0.82 σ, NEES/6 0.67)" in said
+    assert "The truth was given, to this report alone." in said
+    assert "dashed outline: by the truth" in said
+
+
+def test_truth_may_be_known_of_one_sensor_alone(files, undrawn):
+    files.options["truth"] = {"top": {"matrix": POSES["top"].tolist()}}
+    said = words(files.render())
+    assert said.count("error against the truth 0 mm, 0°") == 1
+
+
+def test_without_truth_nothing_is_said_of_it(page):
+    assert "truth" not in words(page)
+
+
+def test_the_pdf_is_small_and_knows_no_clock(printed):
+    pdf = (printed / "report.pdf").read_bytes()
+    assert pdf.startswith(b"%PDF") and b"CreationDate" not in pdf
+    assert 50_000 < len(pdf) < 5_000_000
+
+
+@pytest.mark.parametrize("name", report.COLUMNS)
+def test_figures_are_files_that_open_without_a_page(printed, name):
+    root = ElementTree.parse(printed / f"{name}.svg").getroot()
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    assert "var(" not in (printed / f"{name}.svg").read_text()
+    assert root.findall("{http://www.w3.org/2000/svg}svg")
+
+
+@pytest.mark.parametrize(
+    ("sensor", "kind", "signed", "unit"),
+    [
+        ("left", "limb", True, "px"),
+        ("left", "silhouette", True, "px"),
+        ("top", "point", False, "mm"),
+        ("top", "vertex", False, "mm"),
+        ("top", "edge", True, "°"),
+    ],
+)
+def test_every_kind_of_measurement_is_shown(files, undrawn, sensor, kind, signed, unit):
+    rows = files.residuals["sensor"] == sensor
+    files.residuals["kind"] = np.where(rows, kind, files.residuals["kind"])
+    if kind == "limb":
+        files.residuals["value"][rows, 1] = 0
+    if not signed:
+        files.residuals["value"][rows] = np.abs(files.residuals["value"][rows])
+        files.residuals["cosine"][rows] = 0.0
+    files.calibration["noise"]["sensors"][sensor] = {kind: 0.01}
+    page = files.render()
+    assert f"Residuals of {sensor} {kind} over sigma" in page
+    assert f">{kind}<small>{residuals.MEANING[kind]}" in page
+    assert residuals.unit(kind)[0] == unit
+    assert ("which are never" in words(page) or "never negative" in words(page)) != signed
+
+
+def test_what_did_not_pass_comes_with_what_to_do(files, undrawn):
+    files.calibration["sensors"]["left"]["rejected"] = 0.3
+    files.calibration["sensors"]["top"]["covariance"] = np.diag((10 * SIGMA) ** 2).tolist()
+    said = words(files.render())
+    assert "left: see its overlays and its residuals by placement" in said
+    assert "least certain direction (translation along z (up) of the robot, σ 3 mm)" in said
+
+
+def told(result, truth=None, reasons=()):
+    """The lines on the terminal."""
+    judged = {"verdict": result["verdict"], "reasons": list(reasons)}
+    return terminal.lines(result, judged, truth or {})
+
+
+def test_the_terminal_shows_poses_sigmas_and_errors_in_columns():
+    truth = {n: {"matrix": (T @ geometry.se3_exp(SIGMA)).tolist()} for n, T in POSES.items()}
+    head, left, top = told(calibration(), truth)
+    assert head == "robo: PASS"
+    assert re.fullmatch(
+        r"left  100  20 300 mm ± 3, −90.000 0.000 −90.000 ° ± 0.017 error 3.7 mm 0.021° \(1 σ\)",
+        left,
+    )
+    assert left.index("mm ±") == top.index("mm ±") and left.index("error") == top.index("error")
+
+
+def test_the_terminal_says_why_a_sensor_has_no_pose():
+    result = without_pose(calibration(), "left", UNSEEN)
+    assert told(result)[1] == "left  no pose: left has no view of a target"
+
+
+def test_the_terminal_takes_ten_lines_of_110_at_most_for_four_sensors():
+    result = calibration()
+    for name in ("front_camera", "rear_camera"):
+        result["sensors"][name] = copy.deepcopy(result["sensors"]["left"])
+        matrix = np.array(POSES["left"]) @ geometry.from_rpy([-12.3, -4.5, 6.7], [1, 0.5, 2])
+        result["sensors"][name]["T_robot_sensor"] = rig.pose_json(matrix)
+    truth = {n: {"matrix": np.eye(4).tolist()} for n in result["sensors"]}
+    for lines in (told(result, truth), told(result, {}, [f"reason {i}" for i in range(12)])):
+        assert len(lines) <= 9
+        assert max(map(len, lines)) <= 110
+    assert "and 9 reasons more, in the report" in lines
+
+
+@pytest.fixture
+def common(tmp_path, monkeypatch):
+    """Function of what a rig says beyond its sensors: the names of common.smk for that rig."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    for folder in ("config/rigs", "config/targets", "logs"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "logs/s1.mcap").write_bytes(b"log")
+    (tmp_path / "config/targets/board.yaml").write_text(yaml.safe_dump(BOARD))
+
+    def load(**truth):
+        mocap = {"topics": ["/tf"], "map": "mcs/world"}
+        content = {"body": "mcs/robot", "mocap": mocap, "sensors": SENSORS} | truth
+        (tmp_path / "config/rigs/robo.yaml").write_text(yaml.safe_dump(content))
+        path = ROOT / "workflow" / "common.smk"
+        names = {"workflow": SimpleNamespace(basedir=ROOT), "shell": MagicMock()}
+        names["config"] = {"sessions": {"s1": {"rig": "robo", "log": "logs/s1.mcap"}}}
+        exec(compile(path.read_text(), path, "exec"), names)
+        return names
+
+    return load
+
+
+def slices(names):
+    """{stage: the options that its jobs are given, as text}."""
+    w = SimpleNamespace(rig="robo", session="s1", sensor="left")
+    found = {k: f(w) for k, f in names.items() if k.endswith("_options") and k != "sensor_options"}
+    return {k.removesuffix("_options"): v for k, v in found.items()}
+
+
+def test_the_truth_changes_what_the_report_is_given_and_nothing_else(common):
+    truth = {"left": {"xyz_m": [0.1, 0.02, 0.3], "rpy_deg": [-90, 0, -90]}}
+    without, given = slices(common()), slices(common(truth=truth))
+    assert {stage for stage in given if given[stage] != without[stage]} == {"report"}
+    assert {stage for stage, text in given.items() if "truth" in text} == {"report"}
+    assert json.loads(given["report"])["truth"] == truth
+    assert len(given) >= 9
+
+
+def test_a_wrong_truth_is_refused(common):
+    with pytest.raises(Exception, match="truth.left"):
+        common(truth={"left": {"xyz_m": [0.1, 0.02, 0.3]}})
+
+
+def test_the_last_words_are_verdict_poses_and_where_the_report_is(common, tmp_path, capsys):
+    names = common(truth={"left": {"matrix": POSES["left"].tolist()}})
+    (tmp_path / "results/robo").mkdir(parents=True)
+    stage.write_json("results/robo/calibration.json", calibration())
+    stage.write_json("results/robo/verdict.json", {"verdict": "warn", "reasons": ["top: why"]})
+    names["last_words"]()
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[:2] == ["robo: WARN", "  top: why"]
+    assert lines[2].startswith("  left  100") and "error 0 mm 0°" in lines[2]
+    assert lines[-1] == "  report: results/robo/report.html"
 
 
 def test_payloads_reads_only_what_is_wanted(files):

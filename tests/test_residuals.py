@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from calib import expressions, geometry, targets
+from calib import arrays, expressions, geometry, kinds, rig, targets
 from calib.cameras import Camera
 from calib.geometry import inverse, se3_exp
-from calib.problem import Block, Problem
+from calib.problem import Block, Problem, loss
 from shared import shared_data
 
 CAMERA = Camera("radtan", (800, 810, 640, 480, -0.2, 0.05, 0.001, -0.002), (1280, 960))
@@ -18,6 +18,8 @@ BOARD = targets.from_config(
     {"shape": "board", "outline_m": [[0, 0], [1, 0], [1, 1], [0, 1]], "thickness_m": 0.01}
 )
 CYLINDER = targets.from_config({"shape": "cylinder", "length_m": 0.8, "radius_m": 0.1})
+LIDAR = rig.Lidar(np.radians(0.2), np.radians(2.0), None, None, (0.3, 100.0), 0.01)
+EDGE_RESIDUAL = kinds.KINDS["edge"].residual(LIDAR, BOARD)
 
 # A target that faces the sensor 2 m ahead: x right, y up, z towards a camera that looks along z.
 T_CAMERA_TARGET = geometry.pose(np.diag([1.0, -1, -1]), [0.2, -0.1, 2.0])
@@ -37,13 +39,13 @@ def value(residual, T, *numbers):
 def test_a_corner_where_it_projects_has_no_residual():
     corner = np.array([0.12, -0.08, 0.0])
     (u, v), _ = CAMERA.project(geometry.transform(SKEWED, corner))[0].reshape(2), None
-    residual = expressions.corner_residual(CAMERA)
+    residual = kinds.KINDS["corner"].residual(CAMERA, BOARD)
     assert value(residual, SKEWED, u, v, *corner, 5.0) == pytest.approx([0, 0], abs=1e-10)
 
 
 def test_a_corner_seen_right_of_and_below_its_place_has_a_positive_residual_in_sigmas():
     """The corner is at (0.3, -0.3, 2) m, camera: u = 640 + 800 · 0.15, v = 480 - 810 · 0.15."""
-    residual = expressions.corner_residual(PINHOLE)
+    residual = kinds.KINDS["corner"].residual(PINHOLE, BOARD)
     numbers = (760 + 3, 358.5 - 4, 0.1, 0.2, 0.0)
     assert value(residual, T_CAMERA_TARGET, *numbers, 1.0) == pytest.approx([3, -4], abs=1e-10)
     assert value(residual, T_CAMERA_TARGET, *numbers, 1 / 0.02) == pytest.approx(
@@ -53,7 +55,7 @@ def test_a_corner_seen_right_of_and_below_its_place_has_a_positive_residual_in_s
 
 def test_a_target_moved_to_the_right_pulls_the_corner_residual_to_the_left():
     """1 cm at 2 m is 4 px."""
-    residual = expressions.corner_residual(PINHOLE)
+    residual = kinds.KINDS["corner"].residual(PINHOLE, BOARD)
     moved = geometry.pose(t=[0.01, 0, 0]) @ T_CAMERA_TARGET
     assert value(residual, moved, 760, 358.5, 0.1, 0.2, 0, 1.0) == pytest.approx([-4, 0], abs=1e-10)
 
@@ -63,34 +65,39 @@ def test_a_target_moved_to_the_right_pulls_the_corner_residual_to_the_left():
 
 def test_a_return_on_the_face_of_a_board_has_no_residual():
     p = geometry.transform(T_LIDAR_TARGET, [0.3, 0.4, 0.0])
-    residual = expressions.surface_residual(BOARD)
+    residual = kinds.KINDS["surface"].residual(LIDAR, BOARD)
     assert value(residual, T_LIDAR_TARGET, *p, 100.0) == pytest.approx([0], abs=1e-12)
 
 
 def test_a_return_before_the_face_of_a_board_has_a_positive_residual_in_sigmas():
     """The board faces the lidar; a return 3 cm short of it lies on its positive side."""
     p = geometry.transform(T_LIDAR_TARGET, [0.3, 0.4, 0.0])
-    residual = expressions.surface_residual(BOARD)
+    residual = kinds.KINDS["surface"].residual(LIDAR, BOARD)
     assert p[0] == pytest.approx(2.0) and T_LIDAR_TARGET[:3, 2] == pytest.approx([-1, 0, 0])
-    short, long = p - [0.03, 0, 0], p + [0.03, 0, 0]
-    assert value(residual, T_LIDAR_TARGET, *short, 1.0) == pytest.approx([0.03], abs=1e-12)
-    assert value(residual, T_LIDAR_TARGET, *long, 100.0) == pytest.approx([-3], abs=1e-10)
+    short, long = (p * (1 + d / np.linalg.norm(p)) for d in (-0.03, 0.03))
+    assert value(residual, T_LIDAR_TARGET, *short, 1.0) == pytest.approx([0.03], rel=1e-7)
+    assert value(residual, T_LIDAR_TARGET, *long, 100.0) == pytest.approx([-3], rel=1e-7)
 
 
 def test_a_board_moved_away_leaves_its_returns_on_its_positive_side():
     p = geometry.transform(T_LIDAR_TARGET, [0.3, 0.4, 0.0])
     away = geometry.pose(t=[0.05, 0, 0]) @ T_LIDAR_TARGET
-    residual = expressions.surface_residual(BOARD)
-    assert value(residual, away, *p, 1.0) == pytest.approx([0.05], abs=1e-12)
+    residual = kinds.KINDS["surface"].residual(LIDAR, BOARD)
+    cosine = p[0] / np.linalg.norm(p)
+    assert value(residual, away, *p, 1.0) == pytest.approx([0.05 / cosine], rel=1e-7)
 
 
-@pytest.mark.parametrize("radius, distance", [(0.1, 0), (0.13, 0.03), (0.06, -0.04)])
-def test_a_return_off_a_cylinder_is_off_by_its_distance_from_the_axis_less_the_radius(
-    radius, distance
-):
-    p = geometry.transform(SKEWED, [0.3, 0.6 * radius, -0.8 * radius])
-    residual = expressions.surface_residual(CYLINDER)
-    assert value(residual, SKEWED, *p, 50.0) == pytest.approx([50 * distance], abs=1e-9)
+@pytest.mark.parametrize("late", [0, 0.02, -0.02])
+def test_a_return_late_by_some_centimetres_is_off_by_them_whatever_the_incidence(late):
+    q = np.array([0.3, 0.06, -0.08])  # on the side that SKEWED turns towards the lidar or away
+    q *= np.where(geometry.inverse(SKEWED)[:3, 3] @ (q * [0, 1, 1]) > 0, 1, [1, -1, -1])
+    p = geometry.transform(SKEWED, q)
+    beam = p / np.linalg.norm(p)
+    cosine = -(SKEWED[:3, :3] @ (q * [0, 10, 10])) @ beam
+    residual = kinds.KINDS["surface"].residual(LIDAR, CYLINDER)
+    found = value(residual, SKEWED, *(p + late * beam), 50.0)
+    assert cosine > 0.3
+    assert found == pytest.approx([-50 * late], rel=0.01, abs=1e-9)
 
 
 # --- edges: the direction of a crossing against the plane through the lidar and the edge
@@ -101,9 +108,7 @@ EDGE = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0)  # from a to b, target frame: along x
 def test_a_ray_through_an_edge_has_no_residual():
     ray = geometry.transform(SKEWED, [0.7, 0, 0])
     ray /= np.linalg.norm(ray)
-    assert value(expressions.edge_residual, SKEWED, *ray, *EDGE, 9.0) == pytest.approx(
-        [0], abs=1e-14
-    )
+    assert value(EDGE_RESIDUAL, SKEWED, *ray, *EDGE, 9.0) == pytest.approx([0], abs=1e-14)
 
 
 def test_a_ray_past_an_edge_is_off_by_its_angle_signed_by_the_side_in_sigmas():
@@ -112,7 +117,7 @@ def test_a_ray_past_an_edge_is_off_by_its_angle_signed_by_the_side_in_sigmas():
     angle = 0.01
     ray = np.array([0, np.sin(angle), np.cos(angle)])
     sine = np.sin(angle)
-    residual = expressions.edge_residual
+    residual = EDGE_RESIDUAL
     assert value(residual, T, *ray, *EDGE, 1.0) == pytest.approx([sine], abs=1e-12)
     assert value(residual, T, *(ray * [1, -1, 1]), *EDGE, 200.0) == pytest.approx([-200 * sine])
     turned = EDGE[3:] + EDGE[:3]
@@ -123,47 +128,94 @@ def test_the_residual_of_an_edge_does_not_depend_on_how_far_along_it_or_away_it_
     for scale, shift in ((1, 0.0), (3, 0.0), (1, 0.4)):
         T = geometry.pose(t=[shift, 0, 2.0 * scale])
         ray = np.array([0, np.sin(0.01), np.cos(0.01)])
-        assert value(expressions.edge_residual, T, *ray, *EDGE, 1.0) == pytest.approx(
-            [np.sin(0.01)]
-        )
+        assert value(EDGE_RESIDUAL, T, *ray, *EDGE, 1.0) == pytest.approx([np.sin(0.01)])
+
+
+# --- the limb of a cylinder
+
+
+def limb_ray(T, along, side):
+    """A ray that touches CYLINDER at T on one side, `along` m from its middle."""
+    axis, centre = T[:3, 0], T[:3, 3] + along * T[:3, 0]
+    across = np.cross(axis, centre)
+    distance = np.linalg.norm(across)
+    across /= distance
+    toward = np.cross(across, axis)
+    sine = CYLINDER.radius / (centre @ toward)
+    touch = centre - CYLINDER.radius * (sine * toward + side * np.sqrt(1 - sine**2) * -across)
+    return touch / np.linalg.norm(touch)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("along", [-0.3, 0.0, 0.2])
+def test_a_ray_that_touches_the_cylinder_has_no_residual_on_its_own_side_only(side, along):
+    residual = kinds.KINDS["limb"].residual(CAMERA, CYLINDER)
+    ray = limb_ray(SKEWED, along, side)
+    found = {s: value(residual, SKEWED, *ray, s, 1.0, 1.0)[0] for s in (-1, 1)}
+    assert min(np.abs(list(found.values()))) == pytest.approx(0, abs=1e-12)
+    assert max(np.abs(list(found.values()))) == pytest.approx(2 * CYLINDER.radius, abs=1e-12)
+
+
+def test_a_limb_seen_a_pixel_outside_its_place_has_a_residual_of_a_pixel():
+    """Axis along y, 2 m ahead: the limb is where the tangent is, and a pixel 1/800 there."""
+    T = geometry.pose(np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]), [0, 0, 2.0])
+    uv = np.array([[640 + 800 * np.tan(np.arcsin(0.05)), 480.0]])
+    columns = {"uv": uv + [1, 0], "sigma": np.ones(1)}
+    for side in (-1, 1):
+        keypoints = columns | {"index": np.array([side])}
+        options = {"gate_sigma": 6.0, "edge_margin_m": 0.02}
+        found = kinds.KINDS["limb"].assign(PINHOLE, CYLINDER, T, keypoints, options, 1.0)
+        if found.feature[0] >= 0:
+            residual = kinds.KINDS["limb"].residual(PINHOLE, CYLINDER)
+            assert found.value[0, 0] == pytest.approx(1.0, abs=0.01)
+            assert value(residual, T, *found.data[:, 0]) == pytest.approx(found.value[0])
+            break
+    else:
+        raise AssertionError("on neither side")
 
 
 # --- all kinds
 
 KINDS = {
-    "corner": (expressions.corner_residual(CAMERA), (700, 400, 0.1, 0.2, 0.0, 2.0)),
-    "surface of a board": (expressions.surface_residual(BOARD), (0.3, -0.2, 2.4, 30.0)),
-    "surface of a cylinder": (expressions.surface_residual(CYLINDER), (0.3, -0.2, 2.4, 30.0)),
-    "edge": (expressions.edge_residual, (0.0, 0.1, 0.99, 0, 0, 0, 1, 0, 0, 40.0)),
+    "corner": (kinds.KINDS["corner"].residual(CAMERA, BOARD), (700, 400, 0.1, 0.2, 0.0, 2.0)),
+    "surface of a board": (kinds.KINDS["surface"].residual(LIDAR, BOARD), (0.3, -0.2, 2.4, 30.0)),
+    "surface of a cylinder": (
+        kinds.KINDS["surface"].residual(LIDAR, CYLINDER),
+        (0.3, -0.2, 2.4, 30.0),
+    ),
+    "edge": (EDGE_RESIDUAL, (0.0, 0.1, 0.99, 0, 0, 0, 1, 0, 0, 40.0)),
+    "limb": (kinds.KINDS["limb"].residual(CAMERA, CYLINDER), (0.1, 0.2, 0.97, -1, 300.0, 5.0)),
+    "point": (kinds.KINDS["point"].residual(LIDAR, BOARD), (0.3, -0.2, 2.4, 0.1, 0.2, 0, 30.0)),
+    "vertex": (kinds.KINDS["vertex"].residual(LIDAR, BOARD), (0.3, -0.2, 2.4, 0.1, 0.2, 0, 30.0)),
+    "silhouette": (
+        kinds.KINDS["silhouette"].residual(CAMERA, CYLINDER),
+        (700, 400, 0.1, 0.2, 0.0, 2.0),
+    ),
 }
 every_kind = pytest.mark.parametrize("residual, numbers", KINDS.values(), ids=KINDS.keys())
 
 
 def test_every_kind_has_its_numbers_named():
-    assert set(expressions.DATA) == {name.split()[0] for name in KINDS}
-    for name, (_, numbers) in KINDS.items():
-        assert len(expressions.DATA[name.split()[0]]) == len(numbers)
-    for kind, names in expressions.DATA.items():
+    assert set(kinds.KINDS) == {name.split()[0] for name in KINDS}
+    for name, (made, numbers) in KINDS.items():
+        names = kinds.KINDS[name.split()[0]].DATA
+        assert len(names) == len(numbers)
         assert names[-1] == "weight"
-        made = expressions.residual_of(kind, CAMERA, BOARD)
-        numbers = next(n for name, (_, n) in KINDS.items() if name.startswith(kind))
         assert np.isfinite(value(made, SKEWED, *numbers)).all()
 
 
 @every_kind
 def test_no_weight_takes_a_measurement_out(residual, numbers):
     assert (value(residual, SKEWED, *numbers[:-1], 0.0) == 0).all()
-    functions = expressions.kernels(residual, len(numbers), 3.0)
-    T = ca.DM(SKEWED[:3])
-    for function in functions.values():
-        assert (np.array(function(T, ca.DM([*numbers[:-1], 0.0]))) == 0).all()
+    found = kernel_values(residual, [*numbers[:-1], 0.0], 3.0, SKEWED)
+    assert all((np.asarray(v) == 0).all() for v in found.values())
 
 
 def kernel_values(residual, numbers, gate, T):
     """Cost, gradient, Hessian and information with the loss beginning to bend at gate, σ."""
-    functions = expressions.kernels(residual, len(numbers), gate)
-    found = {k: np.array(f(ca.DM(T[:3]), ca.DM(numbers))) for k, f in functions.items()}
-    return {k: v.item() if k == "cost" else v.squeeze() for k, v in found.items()}
+    kernel = expressions.kernel(residual, len(numbers))
+    r, J = (np.array(out) for out in kernel(ca.DM(T[:3]), ca.DM(numbers)))
+    return vars(loss(r, J[:, :, None], gate))
 
 
 def jacobian(residual, numbers, T, h=1e-6):
@@ -181,10 +233,9 @@ def jacobian(residual, numbers, T, h=1e-6):
 def test_the_gradient_is_that_of_finite_differences_of_the_cost(residual, numbers, gate):
     gate *= np.linalg.norm(value(residual, SKEWED, *numbers))
     found = kernel_values(residual, numbers, gate, SKEWED)
-    cost = expressions.kernels(residual, len(numbers), gate)["cost"]
 
     def at(xi):
-        return float(cost(ca.DM((SKEWED @ se3_exp(xi))[:3]), ca.DM(numbers)))
+        return kernel_values(residual, numbers, gate, SKEWED @ se3_exp(xi))["cost"]
 
     h = 1e-5
     slopes = [(at(h * e) - at(-h * e)) / (2 * h) for e in np.eye(6)]
@@ -215,7 +266,29 @@ def test_one_weight_of_the_loss_is_in_gradient_and_information(residual, numbers
     small = 1e-6 * np.abs(information).max()
     assert found["information"] == pytest.approx(weight * information, abs=small)
     assert np.linalg.eigvalsh(found["hessian"]).min() > -small
-    assert (np.abs(found["hessian"]) <= np.abs(found["information"]) * (1 + 1e-9)).all()
+    least, most = np.abs(found["hessian"]), np.abs(found["information"])
+    assert (least <= most + 1e-12 * most.max()).all()
+
+
+# --- CasADi functions over arrays
+
+
+@every_kind
+def test_a_kernel_over_arrays_is_the_kernel_of_each(residual, numbers):
+    kernel = expressions.kernel(residual, len(numbers))
+    many = np.array(numbers)[:, None] * np.array([1.0, 1.01, 0.97])
+    r, J = arrays.over_arrays(kernel)(SKEWED[:3].T.reshape(-1), many)
+    for i in range(3):
+        one = [np.array(o).T.reshape(-1) for o in kernel(ca.DM(SKEWED[:3]), ca.DM(many[:, i]))]
+        for found, expected in zip((r, J), one, strict=True):
+            found = [np.broadcast_to(v, 3)[i] for v in found]
+            assert found == pytest.approx(expected, rel=1e-13, abs=1e-12)
+
+
+def test_an_instruction_without_a_numpy_function_is_refused_by_its_number():
+    x = ca.SX.sym("x")
+    with pytest.raises(ValueError, match="has no NumPy function"):
+        arrays.over_arrays(ca.Function("f", [x], [ca.erf(x)]))
 
 
 # --- equation 1: the chain of poses
@@ -284,7 +357,7 @@ def rob101():
 def solved(points, pixels, camera, T_robot_sensor, sigma_mcs=1e-12):
     """Solution of one camera, one placement, a target without a board, and no loss or prior."""
     n = len(points)
-    block = Block(0, 0, 1, "corner", "none", np.eye(4), np.eye(4), n)
+    block = Block(0, 0, 1, "corner", "none", np.eye(4), np.eye(4))
     problem = Problem([camera], {"none": None}, [block], 2, GATE)
     data = [np.vstack([pixels.T, points.T, np.ones(n)])]
     prior = np.zeros((1, 6)), np.full((1, 6), np.inf)
@@ -353,7 +426,7 @@ def test_a_prior_draws_the_sensor_towards_it_in_proportion_to_what_it_knows():
     plain = solved(points, pixels, PINHOLE, inverse(SKEWED))
     sigma = np.full((1, 6), 1e-4)
     mean = np.array([[1e-4, 0, 0, 0, 0, 0]])  # how far the start lies beyond the prior
-    block = Block(0, 0, 1, "corner", "none", np.eye(4), np.eye(4), len(points))
+    block = Block(0, 0, 1, "corner", "none", np.eye(4), np.eye(4))
     problem = Problem([PINHOLE], {"none": None}, [block], 2, GATE)
     data = [np.vstack([pixels.T, points.T, np.ones(len(points))])]
     tiny, zero = np.full((2, 6), 1e-12), np.zeros((2, 6))
@@ -371,7 +444,7 @@ def test_an_error_of_the_motion_capture_takes_its_share_of_the_residuals_by_its_
     moved = SKEWED @ geometry.pose(t=[0.01, 0, 0])
     other = PINHOLE.project(geometry.transform(moved, points))[0]
     eye, n = np.eye(4), len(points)
-    blocks = [Block(0, 2 * k, 2 * k + 1, "corner", "none", eye, eye, n) for k in range(2)]
+    blocks = [Block(0, 2 * k, 2 * k + 1, "corner", "none", eye, eye) for k in range(2)]
     problem = Problem([PINHOLE], {"none": None}, blocks, 4, GATE)
     data = [np.vstack([p.T, points.T, np.ones(n)]) for p in (pixels, other)]
     prior = np.zeros((1, 6)), np.full((1, 6), np.inf)

@@ -17,20 +17,20 @@ import simulate
 from calib.cameras import Camera
 from calib.geometry import angle, from_rpy, from_xyz_quat, inverse, pose, se3_log, transform
 from calib.sim import camera as cameras
+from calib.sim import drivers, exposure, mocap, motion, patterns, record, shapes
 from calib.sim import lidar as lidars
-from calib.sim import motion, record
-from calib.sim import placements as places
 from calib.sim import scene as scenes
 
 SHORT = ["--placements", "2", "--hold-s", "0.4", "--move-s", "0.4"]
 SCHEMAS = Path(__file__).parents[1] / "workflow" / "schemas"
 ROUNDING_M = 2e-6  # of float32 coordinates below 8 m, and a margin
 PIXEL_RMS = 0.001
+DISTORTED = ["--distortion", "-0.1", "0", "0", "0"]
 
 
 def draw(*arguments):
-    """Session of the arguments, without a file."""
-    return simulate.draw(simulate.parse(["nowhere", *arguments]))[0]
+    """The only session of the arguments, without a file."""
+    return simulate.draw(simulate.parse(["nowhere", *arguments]))[0][0]
 
 
 def run(folder, *arguments):
@@ -62,7 +62,7 @@ def stamp(message):
 
 def read_points(message):
     """Positions (n, 3), m, lidar frame, and times (n,), ns on the log's clock, of a PointCloud2."""
-    points = message.data.view(lidars.POINT)
+    points = message.data.view(drivers.DRIVERS["velodyne"].point)
     xyz = np.stack([points[c] for c in "xyz"], -1).astype(float)
     return xyz, stamp(message) + np.round(points["time"].astype(float) * 1e9).astype(np.int64)
 
@@ -115,8 +115,8 @@ def test_noise_free_points_lie_on_the_true_surfaces_at_their_own_times(short):
     moving = 0
     for _, message in short.messages["/velodyne_points"]:
         xyz, t = read_points(message)
-        surfaces = record.surfaces_at(short.session, t)
-        T_world_lidar = record.T_world(short.session, "robot", t) @ T_robot_lidar
+        surfaces = short.session.surfaces(t)
+        T_world_lidar = short.session.T_world("robot", t) @ T_robot_lidar
         gap = distances(short.session.scene, surfaces, transform(T_world_lidar, xyz))
         assert gap.max() < ROUNDING_M
         moving += np.sum(motion.blend(t, short.session.times)[1] > 0)
@@ -128,8 +128,8 @@ def test_points_of_a_moving_scan_are_off_the_surfaces_of_its_first_point_by_cent
     message = next(m for _, m in short.messages["/velodyne_points"] if stamp(m) > start)
     xyz, t = read_points(message)
     when = np.full(len(t), t[0])
-    surfaces = record.surfaces_at(short.session, when)
-    T = record.T_world(short.session, "robot", when) @ short.session.rig.sensors["velodyne"]
+    surfaces = short.session.surfaces(when)
+    T = short.session.T_world("robot", when) @ short.session.rig.sensors["velodyne"]
     assert distances(short.session.scene, surfaces, transform(T, xyz)).max() > 0.01
 
 
@@ -162,7 +162,7 @@ def test_the_mcs_reports_the_true_poses_when_it_has_no_noise(short):
         for item in message.transforms:
             p, q = item.transform.translation, item.transform.rotation
             T = from_xyz_quat([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
-            true = record.T_world(short.session, bodies[item.child_frame_id], [stamp(item)])[0]
+            true = short.session.T_world(bodies[item.child_frame_id], [stamp(item)])[0]
             assert np.abs(se3_log(inverse(true) @ T)).max() < 1e-12
             assert item.header.frame_id == "mocap/world"
 
@@ -174,6 +174,7 @@ def test_the_log_holds_what_its_duration_and_rates_ask_for(short):
         "/tf": 141,
         "/velodyne_points": 12,
         "/camera/image_raw": 5,
+        "/camera/camera_info": 5,
     }
     for topic, period in (("/velodyne_points", 10**8), ("/camera/image_raw", 25 * 10**7)):
         assert np.all(np.diff([stamp(m) for _, m in messages[topic]]) == period)
@@ -181,6 +182,12 @@ def test_the_log_holds_what_its_duration_and_rates_ask_for(short):
         first = [m.transforms[0] if topic == "/tf" else m for _, m in messages[topic]]
         late = [(t - stamp(m)) / 1e9 for (t, _), m in zip(messages[topic], first, strict=True)]
         assert min(late) > 0 and max(late) < latest
+
+
+def test_every_image_comes_with_a_camera_info_of_its_stamp(short):
+    images, infos = (short.messages[f"/camera/{k}"] for k in ("image_raw", "camera_info"))
+    assert [stamp(m) for _, m in images] == [stamp(m) for _, m in infos]
+    assert infos[0][1].k.tolist() == [802.3, 0, 452.6, 0, 801.1, 347.9, 0, 0, 1]
 
 
 def test_the_messages_have_the_layout_of_the_drivers(short):
@@ -250,7 +257,7 @@ def test_the_stand_stays_behind_the_board_as_far_down_as_the_board_reaches(seed,
 def test_rays_meet_a_cylinder_on_its_side_or_on_its_caps(y, z, slope):
     o = np.array([[1.0], [2.0 + y], [z]])
     d = np.array([[slope - 0.5], [-1.0], [-0.3 * z]])
-    t, face = scenes.meet_cylinder((0.8, 0.1), o, d)
+    t, face = shapes.meet_cylinder((0.8, 0.1), o, d)
     if not np.isfinite(t[0]):
         return
     p = (o + t * d)[:, 0]
@@ -262,7 +269,7 @@ def test_rays_meet_a_cylinder_on_its_side_or_on_its_caps(y, z, slope):
 @given(st.lists(st.floats(0, 1), min_size=2, max_size=2))
 @settings(max_examples=50, deadline=None)
 def test_poses_are_continuous_and_still_during_a_placement(fractions):
-    times = motion.placement_times(2, 1.0, 0.8)
+    times = motion.placement_times([0, 1], 1.0, 0.8)
     knots = np.stack([from_rpy([0, 0, 0], [0, 0, 0]), from_rpy([1, 0, 0.5], [0.3, 0, 1.0])])
     still = times[0, 0] + np.int64(1e9 * fractions[0])
     assert np.array_equal(motion.poses_at([still], times, knots)[0], knots[0])
@@ -283,9 +290,10 @@ def test_the_written_guess_is_off_the_truth_by_no_more_than_stated(short):
 
 
 def test_a_guess_without_error_is_the_truth(tmp_path):
-    session, guesses = simulate.draw(
+    sessions, guesses = simulate.draw(
         simulate.parse([str(tmp_path), "--guess-error-m", "0", "--guess-error-deg", "0"])
     )
+    session = sessions[0]
     for name, T in session.rig.sensors.items():
         assert np.abs(guesses[name] - T).max() < 1e-15
 
@@ -298,15 +306,20 @@ def test_the_written_configuration_is_valid(short, name):
         jsonschema.validate(yaml.safe_load(path.read_text()), schema)
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(short, tmp_path):
-    arguments = [*SHORT, "--image-noise", "1.8", "--range-noise-m", "0.01", "--encoding", "mono8"]
-    one, two, three = (
-        digest(run(tmp_path / name, *arguments, "--seed", seed))
-        for name, seed in (("a", "1"), ("b", "1"), ("c", "2"))
-    )
-    assert one == two
-    assert one["logs/sim.mcap"] != three["logs/sim.mcap"]
-    assert one["truth.json"] != three["truth.json"]
+EVERYTHING = """
+    --image-noise 1.8 --range-noise-m 0.01 --beam-bias-m 0.005 --beam-divergence-deg 0.2
+    --blur-px 0.7 --exposure-s 0.02 --compressed jpeg --camera-model kannala_brandt --lidar livox
+    --mcs-noise-m 0.0002 --mcs-dropout 0.1 --label-swaps 2 --target-scale 1.001 --camera-hz 3
+"""
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
+    arguments = [*SHORT, *EVERYTHING.split()]
+    one, two = (digest(run(tmp_path / name, *arguments)) for name in "ab")
+    assert one == two and len(one) == 6
+    plain, other = (draw(*SHORT, "--seed", seed) for seed in "12")
+    assert np.abs(plain.knots["board"] - other.knots["board"]).max() > 0.01
+    assert np.abs(plain.rig.sensors["camera"] - other.rig.sensors["camera"]).max() > 0.001
 
 
 def test_noise_leaves_rig_and_placements_as_they_are():
@@ -322,12 +335,12 @@ def test_range_noise_has_its_standard_deviation_along_the_beam():
     session = draw("--placements", "1")
     surfaces = scenes.poses({k: session.knots[k][0] for k in session.mounts})
     T_world_lidar = session.knots["robot"][0] @ session.rig.sensors["velodyne"]
-    firing, rng = lidars.pattern(np.deg2rad(100)), np.random.default_rng(0)
+    firing, rng = patterns.PATTERNS["beams16"].firing(np.deg2rad(100), 0), np.random.default_rng(0)
     exact, noisy = (
-        lidars.scan(session.scene, surfaces, T_world_lidar, firing, sigma, rng)
+        lidars.scan(session.scene, surfaces, T_world_lidar, firing, 0, rng, sigma)
         for sigma in (0.0, 0.01)
     )
-    a, b = (np.stack([p[c] for c in "xyz"], -1).astype(float) for p in (exact, noisy))
+    a, b = (echoes.xyz[exact.returned] for echoes in (exact, noisy))
     beam = a / np.linalg.norm(a, axis=1)[:, None]
     along = np.sum((b - a) * beam, axis=1)
     assert np.std(along) == pytest.approx(0.01, rel=0.03)
@@ -336,7 +349,7 @@ def test_range_noise_has_its_standard_deviation_along_the_beam():
 
 def test_image_noise_has_its_standard_deviation_after_rounding():
     flat = np.full((400, 400, 3), 120.0)
-    image = cameras.expose(flat, "bgr8", 1.8, np.random.default_rng(0)).astype(float)
+    image = exposure.expose(flat, "bgr8", 1.8, np.random.default_rng(0)).astype(float)
     for channel in range(3):
         sigma = np.std(image[..., channel])
         assert sigma == pytest.approx(np.hypot(1.8, 12**-0.5), rel=0.01)
@@ -352,8 +365,8 @@ def test_mcs_noise_is_white_and_its_bias_lasts_a_placement():
     means, scatter = [], []
     for start in session.times[:, 0]:
         t = start + 10_000_000 * np.arange(100)
-        T = record.measured(session, np.random.default_rng(start), "robot", t)
-        xi = se3_log(inverse(record.T_world(session, "robot", t)) @ T)
+        T = mocap.measured(session, np.random.default_rng(start), "robot", t)
+        xi = se3_log(inverse(session.T_world("robot", t)) @ T)
         means.append(xi.mean(0))
         scatter.append(xi - xi.mean(0))
     white, bias = np.std(np.concatenate(scatter), axis=0), np.std(means, axis=0)
@@ -368,7 +381,7 @@ def test_late_mcs_stamps_and_a_displaced_target_have_the_size_asked_for():
     for T in session.mounts.values():
         assert np.linalg.norm(T[:3, 3]) == pytest.approx(0.006)
         assert np.rad2deg(angle(T)) == pytest.approx(1)
-    first = next(m for m in record.messages(session) if m[1] == "/tf")[3].transforms[0]
+    first = next(record.transforms(session))[3].transforms[0]
     assert stamp(first) == session.times[0, 0] - record.MARGIN_NS + 25_000_000
 
 
@@ -440,14 +453,14 @@ def corner_errors(image, camera, T_camera_board):
 def board_views():
     """Camera, and unrounded images of two placements of the board with T_camera_board (4, 4)."""
     session = draw("--placements", "2", "--targets", "board")
-    view = cameras.view(session.rig.camera)
+    view = cameras.view(session.rig.cameras["camera"])
     images = []
     for k in range(2):
         T_world_camera = session.knots["robot"][k] @ session.rig.sensors["camera"]
         surfaces = scenes.poses({"board": session.knots["board"][k]})
         image = cameras.render(view, session.scene, surfaces, T_world_camera)[..., 0]
         images.append((image, inverse(T_world_camera) @ session.knots["board"][k]))
-    return session.rig.camera, images
+    return session.rig.cameras["camera"], images
 
 
 def test_corners_of_a_rendered_board_are_true_to_a_thousandth_of_a_pixel(board_views):
@@ -507,6 +520,7 @@ def test_interpolated_rays_of_a_distorted_camera_are_true_to_a_millionth_of_a_pi
 
 
 def test_the_camera_that_is_drawn_depends_on_the_distortion_alone():
-    one, two = (places.draw_rig(np.random.default_rng(3), k) for k in ((0,) * 4, (-0.1, 0, 0, 0)))
-    assert one.camera.params[:4] == two.camera.params[:4] and two.camera.params[4] == -0.1
+    one, two = (draw("--placements", "1", *k).rig for k in ((), DISTORTED))
+    assert one.cameras["camera"].params[:4] == two.cameras["camera"].params[:4]
+    assert two.cameras["camera"].params[4] == -0.1
     assert np.array_equal(one.sensors["camera"], two.sensors["camera"])

@@ -31,8 +31,8 @@ def by_hand(tmp_path_factory):
     commands = runs.commands(folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        for sensor in ("camera", "velodyne"):
-            (folder / HOME / sensor).mkdir(parents=True)
+        for name in ("sim/camera", "sim/velodyne", "figures"):
+            (folder / "results/sim" / name).mkdir(parents=True)
         decode.main(commands["decode", ""])
         gate.main(commands["gate", ""])
         for sensor in ("camera", "velodyne"):

@@ -10,7 +10,7 @@ from scipy.special import erf
 from calib import geometry, targets
 from calib.cameras import Camera
 from calib.expressions import ca
-from calib.targets import board, cylinder, patterns, polygon
+from calib.targets import board, cloud, cylinder, patterns, polygon
 from calib.targets.patterns import subpixel
 from calib.targets.patterns.checkerboard import Checkerboard
 
@@ -99,7 +99,8 @@ every_shape = pytest.mark.parametrize("target", ALL.values(), ids=ALL.keys())
 
 
 def test_every_shape_is_tested():
-    assert {type(t) for t in ALL.values()} == set(targets.SHAPES.values())
+    """A cloud has no surface but its points: test_points.py."""
+    assert {type(t) for t in ALL.values()} == set(targets.SHAPES.values()) - {cloud.Cloud}
     assert isinstance(BOARD.pattern, Checkerboard) and CYLINDER.pattern is None
 
 
@@ -112,15 +113,50 @@ def test_the_distance_is_the_same_in_numpy_and_in_casadi(target):
     assert target.distance(*q.T) == pytest.approx(expected, abs=1e-15)
 
 
+def beams(rng, n):
+    """Unit beams (3, n) towards -z, within 60° of it."""
+    beam = np.vstack([rng.uniform(-0.6, 0.6, (2, n)), -np.ones(n)])
+    return beam / np.linalg.norm(beam, axis=0)
+
+
 @every_shape
-def test_the_normal_is_the_unit_gradient_of_the_distance(target):
-    q = np.random.default_rng(1).normal(size=(50, 3))
-    h = 1e-6
-    steps = h * np.eye(3)
-    slopes = [target.distance(*(q + s).T) - target.distance(*(q - s).T) for s in steps]
-    normal = target.normal(q)
-    assert normal == pytest.approx(np.column_stack(slopes) / (2 * h), abs=1e-8)
-    assert np.linalg.norm(normal, axis=1) == pytest.approx(np.ones(50))
+def test_the_gap_is_the_distance_along_the_beam_wherever_on_it_the_return_lies(target):
+    """At y = 0.03 m a cylinder of 0.1 m is met; the noise is 5 cm, half its radius."""
+    rng = np.random.default_rng(1)
+    beam = beams(rng, 50)
+    on = np.vstack([rng.uniform(-0.2, 0.2, 50), np.full(50, 0.03), np.zeros(50)])
+    if target is CYLINDER:
+        on[2] = np.sqrt(0.1**2 - 0.03**2)
+    normal = np.array([0, 0.3, np.sqrt(1 - 0.09)]) if target is CYLINDER else np.array([0, 0, 1.0])
+    expected = -normal @ beam
+    for noise in (-0.05, 0.0, 1e-3, 0.05):
+        gap, cosine = target.gap(on + noise * beam, beam)
+        clear = expected > 0.3
+        assert cosine[clear] == pytest.approx(expected[clear], rel=2e-4)
+        assert gap[clear] == pytest.approx(np.full(clear.sum(), -noise), rel=0.02, abs=1e-15)
+
+
+def test_the_gap_of_a_cylinder_has_no_bias_from_range_noise():
+    """Radially, ±1 cm along a beam 60° off the normal would have a mean of 0.37 mm."""
+    beam = np.array([0, np.sin(np.pi / 3), -np.cos(np.pi / 3)])
+    on = np.array([0, 0, 0.1])
+    gaps = [CYLINDER.gap(on + e * beam, beam)[0] for e in (-0.01, 0.01)]
+    assert abs(np.mean(gaps)) < 5e-6
+    radial = [CYLINDER.distance(*(on + e * beam)) for e in (-0.01, 0.01)]
+    assert np.mean(radial) == pytest.approx(3.7e-4, rel=0.05)
+
+
+def test_the_gap_of_a_beam_that_misses_a_cylinder_stays_finite_and_smooth():
+    s = ca.SX.sym("q", 3)
+    beam = np.array([0.0, 0.0, -1.0])
+    slope = ca.Function("d", [s], [ca.jacobian(CYLINDER.gap(s, beam)[0], s)])
+    jumps = []
+    for step in (1e-6, 1e-7):
+        heights = np.arange(0.0999, 0.1001, step)
+        slopes = np.array([np.array(slope([0, y, 0.02])).reshape(-1) for y in heights])
+        assert np.isfinite(slopes).all()
+        jumps.append(np.abs(np.diff(slopes, axis=0)).max())
+    assert jumps[1] < 0.2 * jumps[0]
 
 
 @every_shape
@@ -176,7 +212,6 @@ def test_the_edges_of_a_board_go_round_its_outline():
 def test_the_distance_to_a_cylinder_is_that_to_its_side():
     q = np.array([[0.2, 0.3, 0.4], [5, 0, 0.05], [0, 0, 0]])
     assert CYLINDER.distance(*q.T) == pytest.approx([0.4, -0.05, -0.1], abs=1e-9)
-    assert CYLINDER.normal(q[:1]) == pytest.approx(np.array([[0, 0.6, 0.8]]))
 
 
 def test_a_point_is_over_a_cylinder_between_its_ends():

@@ -32,6 +32,7 @@ def checked(function, *arguments):
 
 CONFIG, RIGS, TARGETS = checked(load, config)
 SESSIONS = CONFIG["sessions"]
+FIGURES = ("extrinsics", "coverage", "residuals")
 RIG_OF = {name: session["rig"] for name, session in SESSIONS.items()}
 
 
@@ -143,10 +144,11 @@ def report_options(w):
     sensors = {s: rig["sensors"][s] for s in sensors_of(w.rig)}
     targets = {t: TARGETS[t] for t in targets_of(w.rig)}
     used = {s: SESSIONS[s]["sensors"] for s in sessions_of(w.rig)}
-    names = {"rig": w.rig, "body": rig["body"]}
-    return options(
-        **names, report=CONFIG["report"], sensors=sensors, targets=targets, sessions=used
-    )
+    shown = {"sensors": sensors, "targets": targets, "sessions": used}
+    # No other job may ever see the truth.
+    if "truth" in rig:
+        shown["truth"] = {s: T for s, T in rig["truth"].items() if s in sensors}
+    return options(rig=w.rig, body=rig["body"], report=CONFIG["report"], **shown)
 
 
 def export_options(w):
@@ -207,16 +209,24 @@ def modules(name):
 
 
 def last_words():
-    """Every rig's verdict and its reasons, or what stopped it, as the last lines on the terminal."""
+    """Every rig's verdict and poses, or what stopped it, as the last lines on the terminal."""
     for rig in sorted(set(RIG_OF.values())):
         home = Path("results", rig)
         stopped = [line for path in sorted(home.rglob("*.log")) for line in complaint(path)]
         if stopped:
             print(f"{rig}: STOPPED", *stopped, sep="\n  ", file=sys.stderr)
         elif (home / "verdict.json").exists():
-            verdict = json.loads((home / "verdict.json").read_text())
-            lines = [*verdict["reasons"], f"report: {home / 'report.html'}"]
-            print(f"{rig}: {verdict['verdict'].upper()}", *lines, sep="\n  ", file=sys.stderr)
+            print(
+                *results(rig, home), f"report: {home / 'report.html'}", sep="\n  ", file=sys.stderr
+            )
+
+
+def results(rig, home):
+    """The verdict of one rig and the poses of its sensors in a few lines."""
+    from calib.report import terminal  # 0.1 s, which no start should pay
+
+    found = [json.loads((home / f"{n}.json").read_text()) for n in ("calibration", "verdict")]
+    return terminal.lines(*found, RIGS[rig].get("truth", {}))
 
 
 def complaint(path):

@@ -4,6 +4,7 @@ Defaults live in the schemas alone. An unknown key is refused with its path and 
 """
 
 import difflib
+import hashlib
 from functools import cache
 from pathlib import Path
 
@@ -92,7 +93,7 @@ def load(config, folder="config"):
     files = sorted(Path(folder, "targets").glob("*.yaml"))
     for file in files:
         _check_name(file)
-    targets = {f.stem: _named("target", f"{folder}/targets/{f.name}") for f in files}
+    targets = {f.stem: _target(f"{folder}/targets/{f.name}") for f in files}
     for name, session in config["sessions"].items():
         session["targets"] = _choose(session.get("targets"), targets, name, "targets", folder)
         sensors = rigs[session["rig"]]["sensors"]
@@ -102,6 +103,17 @@ def load(config, folder="config"):
 
 def _named(kind, path):
     return complete(kind, load_yaml(path), path)
+
+
+def _target(path):
+    """A target; a template that it names is known by its content, so that a change re-runs."""
+    target = _named("target", path)
+    template = target["points"].get("template_file")
+    if template:
+        if not Path(template).is_file():
+            raise InputError(f"{path}: points.template_file: no file {template} in {Path.cwd()}")
+        target["points"]["sha256"] = hashlib.sha256(Path(template).read_bytes()).hexdigest()
+    return target
 
 
 def _check_name(file):

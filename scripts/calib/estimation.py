@@ -4,12 +4,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib import association, geometry
+from calib import geometry, kinds
 from calib.problem import Block, Problem
 
 MAD_TO_SIGMA = 1.4826
 UNIFORM_MEDIAN = np.sqrt(3) / 2  # of the absolute value over σ, of a uniform error
-FLOOR = {"surface": 1e-6, "corner": 1e-3}  # m and px: the rounding of the data
 ROUNDING = 1e-13  # of the largest eigenvalue: below this an eigenvalue is rounding
 SHRINK = 0.3  # a noise scale falls at most to this share in a round, so that members follow
 
@@ -77,11 +76,9 @@ class Result:
 
 def start(setup, T_robot_sensor, noise):
     """The State from poses by sensor: no MCS error, `noise` times the configured noise."""
-    kinds = {(g.sensor, g.kind) for g in setup.groups}
-    y = np.zeros((2 * len(setup.placements), 6))
-    return State(
-        dict(T_robot_sensor), y, {k: noise if k[1] in FLOOR else 1.0 for k in sorted(kinds)}
-    )
+    keys = sorted({(g.sensor, g.kind) for g in setup.groups})
+    scales = {k: 1.0 if kinds.KINDS[k[1]].ROUNDING is None else noise for k in keys}
+    return State(dict(T_robot_sensor), np.zeros((2 * len(setup.placements), 6)), scales)
 
 
 def T_sensor_target(setup, state, sensor, k):
@@ -95,18 +92,19 @@ def T_sensor_target(setup, state, sensor, k):
 
 def assign_all(setup, state):
     """The Assignment of every group at the current estimate."""
-    return [
-        association.assign(
-            g.kind,
-            setup.models[g.sensor],
-            setup.targets[setup.placements[g.placement].target],
-            T_sensor_target(setup, state, g.sensor, g.placement),
-            g.keypoints,
-            setup.associate,
-            state.noise[g.sensor, g.kind],
-        )
-        for g in setup.groups
-    ]
+    return [_assigned(kinds.KINDS[g.kind].assign, setup, state, g) for g in setup.groups]
+
+
+def assign_first(setup, state):
+    """The Assignment of every group at a pose that nothing was solved for yet."""
+    return [_assigned(kinds.first(g.kind), setup, state, g) for g in setup.groups]
+
+
+def _assigned(assign, setup, state, g):
+    target = setup.targets[setup.placements[g.placement].target]
+    T = T_sensor_target(setup, state, g.sensor, g.placement)
+    scale = state.noise[g.sensor, g.kind]
+    return assign(setup.models[g.sensor], target, T, g.keypoints, setup.associate, scale)
 
 
 def build(setup):
@@ -117,8 +115,7 @@ def build(setup):
         place = setup.placements[g.placement]
         poses = place.T_robot_body, place.T_body_target
         at = 2 * g.placement
-        n = len(g.keypoints["view"])
-        blocks.append(Block(names.index(g.sensor), at, at + 1, g.kind, place.target, *poses, n))
+        blocks.append(Block(names.index(g.sensor), at, at + 1, g.kind, place.target, *poses))
     models = [setup.models[n] for n in names]
     return Problem(
         models, setup.targets, blocks, 2 * len(setup.placements), setup.associate["gate_sigma"]
@@ -138,12 +135,7 @@ def priors(setup, state):
 def step(setup, problem, state, assigned):
     """Solve with the members fixed; returns the new State and the Solution."""
     names = sorted(setup.models)
-    data = [
-        association.measurement(
-            g.kind, setup.targets[setup.placements[g.placement].target], g.keypoints, a
-        )
-        for g, a in zip(setup.groups, assigned, strict=True)
-    ]
+    data = [a.data for a in assigned]
     sigmas = state.mocap * np.repeat([p.sigma for p in setup.placements], 2, 0)
     T = np.stack([state.T_robot_sensor[n] for n in names])
     solution = problem.solve(data, T, sigmas, state.y, priors(setup, state))
@@ -168,17 +160,20 @@ def noise_scales(setup, assigned, before):
 
 
 def _scale(kind, sizes, own, before):
-    """Noise over the keypoints' own σ from sizes (n, 2), residuals in units of `before` times it.
+    """Noise over the keypoints' own σ from sizes (n, k), residuals in units of `before` times it.
 
-    Ranges and corners: the median absolute residual, falling by at most SHRINK a round. Crossings
-    of an outline: likewise, but at least their own σ, which is that of a crossing anywhere between
-    two beams; a wide beam or a wrong outline adds to it.
+    The median absolute residual, falling by at most SHRINK a round. Where σ is the step of a scan
+    pattern: likewise of a uniform error, but at least the step; a wide beam or a wrong outline adds
+    to it. To the nearest template point: the rms, for the few far ones are what still moves it.
     """
-    if kind == "edge":
-        return max(1.0, before * float(np.median(sizes[:, 0])) / UNIFORM_MEDIAN)
-    components = sizes if kind == "corner" else sizes[:, 0]
-    found = before * MAD_TO_SIGMA * float(np.median(components))
-    return max(found, SHRINK * before, FLOOR[kind] / own)
+    rounding = kinds.KINDS[kind].ROUNDING
+    if rounding is None:
+        return max(1.0, before * float(np.median(sizes)) / UNIFORM_MEDIAN)
+    if kinds.by_nearest_point(kind):
+        found = before * float(np.sqrt(np.mean(sizes**2)))
+    else:
+        found = before * MAD_TO_SIGMA * float(np.median(sizes))
+    return max(found, SHRINK * before, rounding / own)
 
 
 def eigen(information):
@@ -202,20 +197,29 @@ def covariance(information):
     return root @ root.T
 
 
-def mocap_scale(state, information, n_sensors):
+def mocap_scale(setup, state, information):
     """Factor on the priors of the MCS poses, at least 1: the priors are floors.
 
     Fixed point of the evidence (MacKay 1992): Σy² over the number of well-determined errors.
+    Targets compared by points do not count: what a template's spacing does to a whole placement
+    would pass for an error of the MCS.
     """
-    determined = np.sum(1 - np.diag(covariance(information))[6 * n_sensors :])
+    exact = np.repeat([setup.targets[p.target].points is None for p in setup.placements], 2)
+    known = 1 - np.diag(covariance(information))[6 * len(setup.models) :].reshape(-1, 6)
+    determined = np.sum(known[exact])
     if determined < 1:
         return state.mocap
-    return max(1.0, state.mocap * float(np.sqrt(np.sum(state.y**2) / determined)))
+    return max(1.0, state.mocap * float(np.sqrt(np.sum(state.y[exact] ** 2) / determined)))
 
 
-def changes(before, after):
-    """How many measurements came, went or were numbered anew."""
-    return int(sum(np.sum(a.feature != b.feature) for a, b in zip(before, after, strict=True)))
+def changes(setup, before, after):
+    """How many measurements came, went or were numbered anew; of those with a nearest template
+    point, which changes as long as anything moves, how many came or went."""
+    total = 0
+    for g, b, a in zip(setup.groups, before, after, strict=True):
+        numbered = (a.feature != b.feature) & (not kinds.by_nearest_point(g.kind))
+        total += np.sum(numbered | ((a.feature >= 0) != (b.feature >= 0)))
+    return int(total)
 
 
 def estimate(setup, T_robot_sensor, max_rounds, tolerance_m, tolerance_rad, noise):
@@ -231,12 +235,12 @@ def estimate(setup, T_robot_sensor, max_rounds, tolerance_m, tolerance_rad, nois
     if not setup.groups:
         return Result(state, None, [], [], False)
     problem = build(setup)
-    assigned, rounds, settled = assign_all(setup, state), [], False
+    assigned, rounds, settled = assign_first(setup, state), [], False
     for number in range(max_rounds):
         state, solution = step(setup, problem, state, assigned)
         residual = assign_all(setup, state)
         noise = noise_scales(setup, residual, state.noise)
-        mocap = mocap_scale(state, solution.information, len(setup.models))
+        mocap = mocap_scale(setup, state, solution.information)
         ratios = [noise[k] / state.noise[k] for k in noise] + [mocap / state.mocap]
         state = State(state.T_robot_sensor, state.y * state.mocap / mocap, noise, mocap)
         after = assign_all(setup, state)
@@ -249,7 +253,7 @@ def estimate(setup, T_robot_sensor, max_rounds, tolerance_m, tolerance_rad, nois
                 "members": int(sum((a.feature >= 0).sum() for a in after)),
                 "step_m": moved[0],
                 "step_rad": moved[1],
-                "changed": changes(assigned, after),
+                "changed": changes(setup, assigned, after),
             }
         )
         settled = (

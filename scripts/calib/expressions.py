@@ -1,22 +1,10 @@
-"""CasADi expressions: SE(3), and what each kind of measurement says about T_sensor_target.
-
-A residual is a function of R (3, 3), t (3), of T_sensor_target and of one measurement's numbers,
-whose last one is 1/σ (0 takes the measurement out); it is in units of σ. Its entry in DATA names
-the numbers. To add a kind: write its residual, add it to `residual_of`.
-"""
+"""CasADi expressions: SE(3), the chain of poses, and residuals with their derivatives."""
 
 import casadi as ca
 
-from calib import cameras
 from calib.geometry import exp_coefficients
 
 ca.GlobalOptions.setNumpyMode(1)
-
-DATA = {
-    "corner": ("u", "v", "x", "y", "z", "weight"),
-    "surface": ("x", "y", "z", "weight"),
-    "edge": ("dx", "dy", "dz", "ax", "ay", "az", "bx", "by", "bz", "weight"),
-}
 
 
 def se3_exp(xi):
@@ -35,72 +23,17 @@ def inverse(T):
     return ca.vertcat(ca.horzcat(R, -R @ T[:3, 3]), ca.DM([[0, 0, 0, 1]]))
 
 
-def corner_residual(camera):
-    """Paper equation 3: the measured pixel minus the projected corner, over σ; (2)."""
-    project = cameras.MODELS[camera.model].project
+def kernel(residual, columns):
+    """Function (T (3, 4), d (columns)) -> r (k), J (k, 6) of one measurement, in σ.
 
-    def residual(R, t, d):
-        p = R @ d[2:5] + t
-        u, v = project(camera.params, p[0], p[1], p[2])
-        return ca.vertcat(d[0] - u, d[1] - v) * d[5]
-
-    return residual
-
-
-def surface_residual(target):
-    """Distance of a measured point from the target's surface, over σ; (1)."""
-
-    def residual(R, t, d):
-        q = R.T @ (d[:3] - t)
-        return target.distance(q[0], q[1], q[2]) * d[3]
-
-    return residual
-
-
-def edge_residual(R, t, d):
-    """Angle between a ray (lidar frame) and the plane through the lidar and an outline edge; (1).
-
-    It is what a beam can tell of an edge: the crossing's direction, not its range.
-    """
-    ray, a, b = d[:3], R @ d[3:6] + t, R @ d[6:9] + t
-    normal = ca.cross(a, b)
-    return ca.dot(normal, ray) / ca.sqrt(ca.dot(normal, normal) + 1e-20) * d[9]
-
-
-def residual_of(kind, sensor, target):
-    """The residual of a kind of measurement by a sensor of a target."""
-    if kind == "corner":
-        return corner_residual(sensor)
-    if kind == "surface":
-        return surface_residual(target)
-    return edge_residual
-
-
-def kernels(residual, columns, gate):
-    """Cost, gradient (6), Hessian and information (6, 6) of one measurement, functions of T and d.
-
-    Derivatives are by the right perturbation of T_sensor_target. The loss is Tukey's biweight, with
-    weight w: it ends at the gate, in σ, so that nothing jumps when a measurement crosses it. The
-    information is JᵀwJ. The Hessian is Gauss-Newton's with the curvature of the loss along the
-    residual, which w overstates, so that a few steps suffice; it is held above w/10, for the
-    curvature turns negative towards the gate.
+    J is the derivative by the right perturbation of T_sensor_target.
     """
     T, d, eta = ca.SX.sym("T", 3, 4), ca.SX.sym("d", columns), ca.SX.sym("eta", 6)
     R, t = T[:, :3], T[:, 3]
     moved = residual(R @ (ca.DM.eye(3) + ca.skew(eta[3:])), t + R @ eta[:3], d)
-    zero = ca.DM.zeros(6)
-    r = ca.substitute(moved, eta, zero)
-    J = ca.substitute(ca.jacobian(moved, eta), eta, zero)
-    inside = ca.fmax(1 - ca.dot(r, r) / gate**2, 0)
-    weight = inside**2
-    curvature = ca.fmax(inside * (5 * inside - 4), 0.1 * weight)
-    outputs = {
-        "cost": gate**2 / 6 * (1 - inside**3),
-        "gradient": weight * (J.T @ r),
-        "hessian": curvature * (J.T @ J),
-        "information": weight * (J.T @ J),
-    }
-    return {name: ca.Function(name, [T, d], [ca.densify(o)]) for name, o in outputs.items()}
+    outputs = [moved, ca.jacobian(moved, eta)]
+    r, J = (ca.densify(ca.substitute(o, eta, ca.DM.zeros(6))) for o in outputs)
+    return ca.Function("kernel", [T, d], [r, J])
 
 
 def chain():

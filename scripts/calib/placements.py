@@ -5,12 +5,16 @@ import numpy as np
 from calib import geometry, rig, tables
 from calib.estimation import Group, Placement
 
+HELD = 1e-3  # of the σ of the MCS
+
 
 def still(columns, session, targets, mocap):
     """{placement number: Placement} of the still intervals of one session.
 
     targets: name -> config block; mocap: block with pose_sigma and pose_bias_sigma. The σ of an
-    averaged pose has a part that averages within the placement and a bias that does not.
+    averaged pose has a part that averages within the placement and a bias that does not. For
+    targets compared by points the poses are held, as in the paper: freed, they take up what the
+    nearest points leave, and the search settles before it has arrived.
     """
     white, bias = (rig.pose_sigma(mocap[k]) for k in ("pose_sigma", "pose_bias_sigma"))
     out = {}
@@ -22,7 +26,8 @@ def still(columns, session, targets, mocap):
                 target=name,
                 T_robot_body=geometry.from_xyz_quat(columns["xyz"][i], columns["quat"][i]),
                 T_body_target=rig.pose(targets[name]["T_body_target"]),
-                sigma=np.hypot(white * columns["pose_factor"][i], bias),
+                sigma=np.hypot(white * columns["pose_factor"][i], bias)
+                * (HELD if targets[name]["method"] == "points" else 1.0),
             )
     return out
 

@@ -4,8 +4,8 @@
 
 with T_sensor_target from the sensor's ξ_s and the two MCS pose errors of its placement, in units
 of their priors, y_k (expressions.chain; paper equations 1 to 4). One y_k per (placement, body) is
-shared by all scans, images and sensors of the placement. IPOPT gets the gradient and the
-Gauss-Newton Hessian assembled from sums per (sensor, placement, kind).
+shared by all scans, images and sensors of the placement. CasADi writes residuals and derivatives,
+NumPy sums them over the measurements, IPOPT gets cost, gradient and the Gauss-Newton Hessian.
 """
 
 from dataclasses import dataclass
@@ -13,17 +13,19 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from calib import expressions, geometry
+from calib import arrays, expressions, geometry, kinds
 
 OPTIONS = {
     "print_time": False,
+    "no_nlp_grad": True,  # of parameters, of which there are none
+    "calc_lam_p": False,
     "ipopt": {
         "print_level": 0,
         "sb": "yes",
         "tol": 1e-11,
         "acceptable_tol": 1e-9,
         "acceptable_iter": 3,
-        "max_iter": 100,
+        "max_iter": 15,
         "nlp_scaling_method": "none",
     },
 }
@@ -31,7 +33,7 @@ OPTIONS = {
 
 @dataclass(frozen=True)
 class Block:
-    """The n measurements of one kind that one sensor made of one target in one placement.
+    """The measurements of one kind that one sensor made of one target in one placement.
 
     sensor: its index; robot, body: the indices of their MCS pose errors in this placement.
     """
@@ -43,96 +45,35 @@ class Block:
     target: str
     T_robot_body: np.ndarray
     T_body_target: np.ndarray
-    n: int
-
-    @property
-    def size(self):
-        return self.n * len(expressions.DATA[self.kind])
 
 
 class Problem:
     """The programme of fixed blocks; data, poses and noise may change between solutions.
 
-    models: per sensor its Camera, or None for a lidar; targets: name -> shape; gate in σ.
+    models: per sensor its Camera or rig.Lidar; targets: name -> shape; gate in σ.
     """
 
     def __init__(self, models, targets, blocks, n_poses, gate):
-        self.blocks = blocks
+        self.blocks, self.gate = blocks, gate
         self.n_sensors, self.n_poses = len(models), n_poses
         self.n = 6 * (self.n_sensors + n_poses)
-        self._kernels = {}
-        for b in blocks:
-            key = (b.kind, b.sensor if b.kind == "corner" else b.target)
-            if key not in self._kernels:
-                residual = expressions.residual_of(b.kind, models[b.sensor], targets[b.target])
-                columns = len(expressions.DATA[b.kind])
-                self._kernels[key] = expressions.kernels(residual, columns, gate)
-        self._build()
-
-    def _parameters(self):
-        """The symbol of all parameters, and its parts: cost scale, T_robot_sensor, priors, data."""
-        sizes = [1, 16 * self.n_sensors, 6 * self.n_poses, 12 * self.n_sensors]
-        sizes += [b.size for b in self.blocks]
-        p = ca.MX.sym("p", sum(sizes))
-        return p, ca.vertsplit(p, np.cumsum([0, *sizes]).tolist())
-
-    def _build(self):
-        x = ca.MX.sym("x", self.n)
-        p, (scale, poses, sigmas, prior, *data) = self._parameters()
-        chain, maps = expressions.chain(), {}
-        sums = {name: [] for name in ("cost", "gradient", "hessian", "information")}
-        for b, d in zip(self.blocks, data, strict=True):
-            key = (b.kind, b.sensor if b.kind == "corner" else b.target)
-            if (key, b.n) not in maps:
-                maps[key, b.n] = {
-                    name: f.map(f"{name}_{b.n}", "serial", b.n, [0], [0])
-                    for name, f in self._kernels[key].items()
-                }
-            s = ca.vertcat(ca.DM.ones(6), *(sigmas[6 * k : 6 * k + 6] for k in (b.robot, b.body)))
-            T_robot_sensor = ca.reshape(poses[16 * b.sensor : 16 * b.sensor + 16], 4, 4)
-            fixed = ca.DM(b.T_robot_body), ca.DM(b.T_body_target)
-            T, A = chain(x[self._columns(b)], s, T_robot_sensor, *fixed)
-            total = {k: m(T, ca.reshape(d, b.size // b.n, b.n)) for k, m in maps[key, b.n].items()}
-            sums["cost"].append(total["cost"])
-            sums["gradient"].append(A.T @ total["gradient"])
-            for name in ("hessian", "information"):
-                sums[name].append(ca.vec(A.T @ total[name] @ A))
-        self._assemble(x, p, scale, prior, sums)
+        self.kernels = {}
+        for key in sorted({(b.kind, b.sensor, b.target) for b in blocks}):
+            kind = kinds.KINDS[key[0]]
+            residual = kind.residual(models[key[1]], targets[key[2]])
+            kernel = expressions.kernel(residual, len(kind.DATA))
+            self.kernels[key] = arrays.over_arrays(kernel)
+        self.chain = expressions.chain().map(len(blocks)) if blocks else None
+        self.columns = np.array([self._columns(b) for b in blocks], int).reshape(-1, 18)
+        self.fixed = [
+            np.hstack([getattr(b, name) for b in blocks])
+            for name in ("T_robot_body", "T_body_target")
+            if blocks
+        ]
 
     def _columns(self, b):
         starts = (6 * b.sensor, 6 * (self.n_sensors + b.robot), 6 * (self.n_sensors + b.body))
         return [s + i for s in starts for i in range(6)]
-
-    def _assemble(self, x, p, scale, prior, sums):
-        """Sum blocks and priors into the cost, its gradient, Hessian and information."""
-        k = 6 * self.n_sensors
-        mean, weight = prior[:k], prior[k:]
-        offset = ca.vertcat(weight * (x[:k] + mean), x[k:])
-        f = ca.sum1(ca.vertcat(0, *sums["cost"])) + ca.dot(offset, offset) / 2
-        g = ca.vertcat(weight, ca.DM.ones(self.n - k)) * offset
-        h = information = ca.diag(ca.vertcat(weight**2, ca.DM.ones(self.n - k)))
-        if self.blocks:
-            rows = np.array([self._columns(b) for b in self.blocks])
-            g += scatter(self.n, rows.reshape(-1)) @ ca.vertcat(*sums["gradient"])
-            at = self.n, np.repeat(rows, 18, 1).reshape(-1), np.tile(rows, (1, 18)).reshape(-1)
-            h = h + gather(*at, ca.vertcat(*sums["hessian"]))
-            information = information + gather(*at, ca.vertcat(*sums["information"]))
-        f, g, h = scale * f, scale * g, scale * h
-        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", 0)
-        names = ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
-        own = {
-            "grad_f": ca.Function("nlp_grad_f", [x, p], [f, g], ["x", "p"], ["f", "grad_f_x"]),
-            "hess_lag": ca.Function(
-                "nlp_hess_l", [x, p, lam_f, lam_g], [ca.triu(lam_f * h)], *names
-            ),
-        }
-        self._information = ca.Function("information", [x, p], [information])
-        self._solver = ca.nlpsol("solver", "ipopt", {"x": x, "p": p, "f": f}, OPTIONS | own)
-
-    def _values(self, T_robot_sensor, sigmas, mean, sigma, data):
-        poses = np.transpose(T_robot_sensor, (0, 2, 1)).reshape(-1)
-        parts = [[1.0], poses, sigmas.reshape(-1), mean.reshape(-1), 1 / sigma.reshape(-1)]
-        return np.concatenate([*parts, *(d.T.reshape(-1) for d in data)])
 
     def solve(self, data, T_robot_sensor, sigmas, y, prior):
         """The optimum for data (columns, n) per block.
@@ -142,23 +83,18 @@ class Problem:
         Raises nothing: whether IPOPT converged stands in the Solution.
         """
         mean, sigma = prior
-        x0 = np.concatenate([np.zeros(6 * self.n_sensors), y.reshape(-1)])
-        p = self._values(T_robot_sensor, sigmas, mean, sigma, data)
-        # Scaled so that the largest curvature is one: tolerances then mean steps, in m and rad.
-        p[0] = 1 / max(float(ca.mmax(ca.diag(self._information(x0, p)))), 1e-300)
-        found = self._solver(x0=x0, p=p)
-        x = np.array(found["x"]).reshape(-1, 6)
-        stats = self._solver.stats()
-        xi = x[: self.n_sensors]
+        terms = Terms(self, data, T_robot_sensor, sigmas, prior)
+        x, scale, stats = _minimum(terms, np.concatenate([np.zeros(mean.size), y.reshape(-1)]))
+        xi, y = x.reshape(-1, 6)[: self.n_sensors], x.reshape(-1, 6)[self.n_sensors :]
         T = T_robot_sensor @ geometry.se3_exp(xi)
-        at = self._values(T, sigmas, mean + xi, sigma, data)
-        x_new = np.concatenate([np.zeros_like(xi), x[self.n_sensors :]]).reshape(-1)
+        there = Terms(self, data, T, sigmas, (mean + xi, sigma))
+        sums = there.at(np.concatenate([np.zeros(mean.size), y.reshape(-1)]))
         return Solution(
             T_robot_sensor=T,
-            y=x[self.n_sensors :],
+            y=y,
             step=xi,
-            cost=float(found["f"]) / p[0],
-            information=np.array(self._information(x_new, at)),
+            cost=sums.cost,
+            information=sums.information,
             iterations=int(stats["iter_count"]),
             status=stats["return_status"],
             success=bool(stats["success"]),
@@ -182,20 +118,143 @@ class Solution:
     success: bool
 
 
-def scatter(n, rows):
-    """Sparse (n, m) that adds entry j of a vector to row rows[j]."""
-    m = len(rows)
-    pattern = ca.Sparsity.triplet(n, m, rows.tolist(), list(range(m)))
-    return ca.DM(pattern, 1.0)
+@dataclass(frozen=True)
+class Sums:
+    """Cost, gradient (n,), Hessian and information (n, n)."""
+
+    cost: float
+    gradient: np.ndarray
+    hessian: np.ndarray
+    information: np.ndarray
 
 
-def gather(n, i, j, values):
-    """Sparse (n, n) with values[k] added at (i[k], j[k])."""
-    where = i * n + j
-    places, index = np.unique(where, return_inverse=True)
-    summed = scatter(len(places), index.reshape(-1)) @ values
-    # Triplets in the order of CasADi's columns, so that the values fall where they belong.
-    columns_first = np.lexsort((places // n, places % n))
-    order = places[columns_first]
-    pattern = ca.Sparsity.triplet(n, n, (order // n).tolist(), (order % n).tolist())
-    return ca.MX(pattern, summed[columns_first.tolist()])
+def loss(r, J, gate):
+    """Sums over measurements of residuals r (k, n) with derivatives J (k, 6, n), in σ.
+
+    The loss is Tukey's biweight, with weight w: it ends at the gate, in σ, so that nothing jumps
+    when a measurement crosses it. The information is JᵀwJ. The Hessian is Gauss-Newton's with the
+    curvature of the loss along the residual, which w overstates, so that a few steps suffice; it is
+    held above w/10, for the curvature turns negative towards the gate.
+    """
+    inside = np.maximum(1 - np.sum(r * r, 0) / gate**2, 0)
+    weight = inside**2
+    curvature = np.maximum(inside * (5 * inside - 4), 0.1 * weight)
+    return Sums(
+        cost=gate**2 / 6 * float(np.sum(1 - inside**3)),
+        gradient=sum(J[k] @ (weight * r[k]) for k in range(len(r))),
+        hessian=sum((curvature * Jk) @ Jk.T for Jk in J),
+        information=sum((weight * Jk) @ Jk.T for Jk in J),
+    )
+
+
+class Terms:
+    """All terms of the programme with their data, as functions of the unknowns x."""
+
+    def __init__(self, problem, data, T_robot_sensor, sigmas, prior):
+        self.problem, self.data = problem, data
+        blocks = problem.blocks
+        self.scales = np.array(
+            [np.concatenate([np.ones(6), sigmas[b.robot], sigmas[b.body]]) for b in blocks]
+        ).reshape(-1, 18)
+        self.sensors = np.hstack([T_robot_sensor[b.sensor] for b in blocks]) if blocks else None
+        mean, sigma = prior
+        still = np.zeros(6 * problem.n_poses)
+        self.mean = np.concatenate([mean.reshape(-1), still])
+        self.weight = np.concatenate([1 / sigma.reshape(-1), still + 1])
+        self._last = None, None
+
+    def at(self, x):
+        """The Sums at x (n,); asked again for the same x, the same."""
+        if self._last[0] != x.tobytes():
+            self._last = x.tobytes(), self._sums(x)
+        return self._last[1]
+
+    def _sums(self, x):
+        offset = self.weight * (x + self.mean)
+        cost, gradient = float(offset @ offset) / 2, self.weight * offset
+        hessian, information = np.diag(self.weight**2), np.diag(self.weight**2)
+        for columns, A, part in self._parts(x):
+            square = np.ix_(columns, columns)
+            cost += part.cost
+            gradient[columns] += A.T @ part.gradient
+            hessian[square] += A.T @ part.hessian @ A
+            information[square] += A.T @ part.information @ A
+        return Sums(cost, gradient, hessian, information)
+
+    def _parts(self, x):
+        """(columns, d T_sensor_target / dx (6, 18), Sums over the measurements) of every block."""
+        p = self.problem
+        if not p.blocks:
+            return
+        chained = p.chain(x[p.columns].T, self.scales.T, self.sensors, *p.fixed)
+        T, A = (np.array(c).reshape(len(c.full()), len(p.blocks), -1) for c in chained)
+        for k, (b, d) in enumerate(zip(p.blocks, self.data, strict=True)):
+            r, J = p.kernels[b.kind, b.sensor, b.target](T[:, k].T.reshape(-1), d)
+            n = d.shape[1]
+            r = np.stack([np.broadcast_to(v, n) for v in r])
+            J = np.stack([np.broadcast_to(v, n) for v in J]).reshape(6, len(r), n).swapaxes(0, 1)
+            yield p.columns[k], A[:, k], loss(r, J, p.gate)
+
+
+class _Evaluation(ca.Callback):
+    """A NumPy function as a CasADi one, of inputs and outputs with given sparsities."""
+
+    def __init__(self, name, inputs, outputs, function):
+        super().__init__()
+        self._inputs, self._outputs, self._function = inputs, outputs, function
+        self.construct(name, {})
+
+    def get_n_in(self):
+        return len(self._inputs)
+
+    def get_n_out(self):
+        return len(self._outputs)
+
+    def get_sparsity_in(self, i):
+        return self._inputs[i]
+
+    def get_sparsity_out(self, i):
+        return self._outputs[i]
+
+    def eval(self, arguments):
+        return self._function(np.array(arguments[0]).reshape(-1), *arguments[1:])
+
+
+def _minimum(terms, x0):
+    """(optimum x (n,), factor by which the cost was scaled, IPOPT's account) from x0 (n,).
+
+    The cost is scaled so that the largest curvature is one: tolerances then mean steps, in m, rad.
+    """
+    n, sums = len(x0), terms.at(x0)
+    scale = 1 / max(sums.information.diagonal().max(), 1e-300)
+    triangle = _pattern(terms.problem)
+    column, none, one = ca.Sparsity.dense(n), ca.Sparsity(0, 0), ca.Sparsity.dense(1)
+    at = np.array(triangle.row()), np.array(triangle.get_col())
+
+    def cost(x):
+        return [scale * terms.at(x).cost]
+
+    def gradient(x, p):
+        return [scale * terms.at(x).cost, scale * terms.at(x).gradient]
+
+    def hessian(x, p, of_cost, of_constraints):
+        return [ca.DM(triangle, scale * float(of_cost) * terms.at(x).hessian[at])]
+
+    value = _Evaluation("value", [column], [one], cost)
+    own = {
+        "grad_f": _Evaluation("nlp_grad_f", [column, none], [one, column], gradient),
+        "hess_lag": _Evaluation("nlp_hess_l", [column, none, one, none], [triangle], hessian),
+    }
+    x = ca.MX.sym("x", n)
+    solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": value(x)}, OPTIONS | own)
+    found = solver(x0=x0)
+    return np.array(found["x"]).reshape(-1), scale, solver.stats()
+
+
+def _pattern(problem):
+    """Sparsity of the Hessian's upper triangle: what shares a block, and the diagonal."""
+    used = np.eye(problem.n, dtype=bool)
+    for columns in problem.columns:
+        used[np.ix_(columns, columns)] = True
+    columns, rows = np.nonzero(np.triu(used).T)
+    return ca.Sparsity.triplet(problem.n, problem.n, rows.tolist(), columns.tolist())

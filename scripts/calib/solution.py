@@ -4,12 +4,12 @@ from importlib.metadata import version
 
 import numpy as np
 
-from calib import association, estimation, geometry, observability, rig, tables
+from calib import estimation, geometry, kinds, observability, rig, tables
+from calib.kinds.assignment import loss_weight
 from calib.status import OK, failed
 
 PACKAGES = ("casadi", "mcap", "numpy", "opencv-python-headless", "pyarrow", "rosbags", "scipy")
 UNIT = {"camera": "px", "lidar": "m"}
-MAIN_KIND = {"camera": "corner", "lidar": "surface"}
 
 
 def as_json(setup, result, known, options):
@@ -105,7 +105,8 @@ def counts(name, kind, setup, result):
             used.add(g.placement)
             session = setup.placements[g.placement].session
             views |= {(session, int(v)) for v in np.unique(g.keypoints["view"][member])}
-        if g.kind == MAIN_KIND[kind]:
+        unit = kinds.KINDS[g.kind].UNIT
+        if unit == UNIT[kind]:
             squares.append((a.value[member] ** 2).sum(1))
     squares = np.concatenate(squares) if squares else np.zeros(0)
     rms = float(np.sqrt(squares.mean())) if len(squares) else None
@@ -136,9 +137,9 @@ def residuals(setup, result):
         place = setup.placements[g.placement]
         n = len(a.feature)
         k = g.keypoints
-        r = np.linalg.norm(a.value, axis=1) / a.sigma
         T = estimation.T_sensor_target(setup, result.state, g.sensor, g.placement)
         in_target = geometry.transform(geometry.inverse(T), np.nan_to_num(k["xyz"]))
+        in_image = kinds.KINDS[g.kind].UNIT == "px"
         pixel = np.column_stack([k["uv"], np.zeros(n)])
         parts.append(
             {
@@ -148,13 +149,21 @@ def residuals(setup, result):
                 "placement": k["placement"],
                 "view": k["view"],
                 "kind": np.full(n, g.kind),
-                "value": a.value,
+                "value": _pair(a.value),
                 "sigma": a.sigma,
-                "weight": np.where(a.feature >= 0, association.loss_weight(r, gate), 0.0),
-                "measured": pixel if g.kind == "corner" else in_target,
+                "weight": np.where(a.feature >= 0, loss_weight(a.size, gate), 0.0),
+                "measured": pixel if in_image else in_target,
                 "range": a.range,
                 "cosine": a.cosine,
-                "index": np.where(g.kind == "corner", a.feature, k["index"]),
+                "index": a.feature if g.kind == "corner" else k["index"],
             }
         )
     return tables.concatenate(parts, tables.RESIDUALS)
+
+
+def _pair(value):
+    """Values (n, k) as the table holds them (n, 2): u and v, or a length and 0."""
+    if value.shape[1] == 2:
+        return value
+    length = value[:, 0] if value.shape[1] == 1 else np.linalg.norm(value, axis=1)
+    return np.column_stack([length, np.zeros(len(value))])

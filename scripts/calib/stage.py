@@ -4,8 +4,12 @@ import argparse
 import json
 import logging
 import os
+import resource
 import sys
+import time
 from pathlib import Path
+
+import psutil
 
 from calib.status import InputError
 
@@ -36,9 +40,18 @@ def run(main):
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(message)s")
     try:
         main()
+        _log_cost(Path(sys.argv[0]).stem)
     except InputError as error:
         logger.error("error: %s", error)
         sys.exit(1)
+
+
+def _log_cost(name):
+    """What the job took since the interpreter started, as its log's last line."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    wall = time.time() - psutil.Process().create_time()
+    cost = wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+    logger.info("%s took %.2f s, %.2f s CPU, %.0f MB", name, *cost)
 
 
 def limit_threads():

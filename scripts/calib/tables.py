@@ -97,11 +97,11 @@ _KEYPOINT = (
     _column("t", pa.int64(), unit="ns", meaning="stamp, of the point where it has its own"),
     _column("target", TEXT),
     _column("placement", pa.int32()),
-    _column("kind", TEXT, meaning="corner, surface or edge"),
-    _column("index", pa.int32(), meaning="of a corner in the detected grid, of a point's ring"),
+    _column("kind", TEXT, meaning="one of calib.kinds.KINDS"),
+    _column("index", pa.int32(), meaning="corner of the detected grid, ring, or side of a limb"),
     _column("xyz", _vector(3), unit="m", frame="lidar", meaning="point; unit ray of an edge; NaN"),
-    _column("uv", _vector(2), unit="px", meaning="corner; NaN for a lidar"),
-    _column("sigma", pa.float64(), unit="px, m or rad", meaning="corner, surface or edge"),
+    _column("uv", _vector(2), unit="px", meaning="NaN for a lidar"),
+    _column("sigma", pa.float64(), unit="px, m or rad", meaning="by kind"),
 )
 
 KEYPOINTS = _schema("keypoints", 1, *_KEYPOINT)
@@ -111,7 +111,7 @@ PAIRS = _schema(
     1,
     _column("sensor", TEXT),
     *_KEYPOINT,
-    _column("feature", pa.int32(), meaning="corner or outline edge of the target; -1 not paired"),
+    _column("feature", pa.int32(), meaning="corner, edge or template point; -1 not paired"),
 )
 
 RESIDUALS = _schema(
@@ -123,13 +123,13 @@ RESIDUALS = _schema(
     _column("placement", pa.int32()),
     _column("view", pa.int32()),
     _column("kind", TEXT),
-    _column("value", _vector(2), unit="px or m", meaning="(u, v), or (distance, 0)"),
-    _column("sigma", pa.float64(), unit="px or m"),
+    _column("value", _vector(2), unit="px, m or rad", meaning="(u, v), or (distance, 0)"),
+    _column("sigma", pa.float64(), unit="px, m or rad"),
     _column("weight", pa.float64(), meaning="of the robust loss; 0 where not a member"),
     _column("measured", _vector(3), unit="px or m", frame="image or target"),
     _column("range", pa.float64(), unit="m"),
     _column("cosine", pa.float64(), meaning="of the angle of incidence"),
-    _column("index", pa.int32(), meaning="corner of the pattern, ring of the lidar"),
+    _column("index", pa.int32(), meaning="corner, ring, or side of a limb"),
 )
 
 ITERATIONS = _schema(

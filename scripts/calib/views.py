@@ -9,6 +9,7 @@ import numpy as np
 from calib import geometry
 
 MIN_SQUARE_PX = 6.0
+MIN_BLOB_PX = 15.0  # geometric mean of the spread of its outline along and across
 
 
 def spread(margin, distance):
@@ -38,20 +39,22 @@ def hidden_from_lidar(lidar, target, T_sensor_target, margin, options):
 
 
 def hidden_from_camera(camera, target, T_sensor_target, margin, options):
-    """Why a camera cannot see a target's pattern, in words; "" when it can."""
-    if target.pattern is None:
-        return "no pattern on the target"
+    """Why a camera cannot see what it could find of a target, in words; "" when it can."""
+    points = geometry.transform(T_sensor_target, target.image_points())
+    if len(points) == 0:
+        return "neither pattern nor color on the target"
     reason, _ = _turned_away(target, T_sensor_target, options)
     if reason:
         return reason
-    points = geometry.transform(T_sensor_target, target.pattern.corners())
     uv, valid = camera.project(points)
     if not valid.all():
         return "outside what the lens sees"
     if not camera.in_image(uv, -margin_px(camera, points.mean(0), margin)).all():
         return "outside the image"
-    if np.linalg.norm(uv[1] - uv[0]) < MIN_SQUARE_PX:
+    if target.pattern and np.linalg.norm(uv[1] - uv[0]) < MIN_SQUARE_PX:
         return "squares too small"
+    if target.color and np.sqrt(np.linalg.det(np.cov(uv.T))) < MIN_BLOB_PX**2:
+        return "too small in the image"
     return ""
 
 
@@ -66,14 +69,17 @@ def _turned_away(target, T_sensor_target, options):
 
 
 def margin_px(camera, p_camera, margin):
-    """Pixels by which a point p_camera (3,), m, may appear beside its prediction."""
+    """Pixels by which a point p_camera (3,), m, may appear beside its prediction.
+
+    Near the rim of what the lens sees only the pixels that exist count; with none, the whole image.
+    """
     distance = np.linalg.norm(p_camera)
     aside = spread(margin, distance) * distance
     around = p_camera + aside * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
     uv, valid = camera.project(around)
-    if not valid.all():
+    if not (valid[0] and valid[1:].any()):
         return float(max(camera.size))
-    return float(np.linalg.norm(uv[1:] - uv[0], axis=1).max())
+    return float(np.linalg.norm(uv[1:] - uv[0], axis=1)[valid[1:]].max())
 
 
 def cone(points, target, T_sensor_target, margin):

@@ -1,15 +1,16 @@
 """What each plot asks, how to read it, and what good looks like."""
 
 SIGMA = (
-    "Does the noise model hold? {n} residuals, rms {rms} σ; {out} beyond 3 σ (dotted), a normal "
-    "would have {expected}. {good}"
+    "Does the noise model hold? {n} residuals, rms {rms} σ; {out} beyond 3 σ (dotted); "
+    "{expected}{good}"
 )
-SIGMA_GOOD = "Good: bars fill the curve. Heavy tails are outliers, two humps a wrong model."
-SIGMA_EDGE = (
-    "A crossing lies anywhere between two beams, and the scans of a placement repeat it, each at "
-    "a σ wider by the root of their number: flat or narrower than the curve is right here. "
-    "Wider, or off to one side: the outline is wrong, or the beam's footprint widens it."
-)
+SIGMA_GOOD = {
+    "signed": "Good: bars fill the curve. Heavy tails are outliers, two humps a wrong model.",
+    "length": "These are lengths, never negative. Good: one hump and a tail that ends soon after.",
+    "edge": "A crossing lies anywhere between two beams, and the scans of a placement repeat it, "
+    "each at a σ wider by the root of their number: flat or narrower than the curve is right here. "
+    "Wider, or off to one side: the outline is wrong, or the beam's footprint widens it.",
+}
 LENGTH = (
     "How large are they? rms {rms} {unit}. These are {meaning}: mostly the sensor's own noise, "
     "not the error of the calibration. Good: one peak about zero."
@@ -48,4 +49,23 @@ TIMELINE = (
     "When was there something to see? Bars: the target is still relative to the robot. Strokes: "
     "frames of a sensor, green used in the solve, orange kept but not used, short and grey not "
     "kept. Good: every bar holds green strokes of every sensor that faces it."
+)
+RIG = (
+    "Where do the sensors sit, and how sure is that? Left: dot and stroke show a sensor's origin "
+    "and the way it looks (a camera's z, a lidar's x), red by the first guess, green by the "
+    "result. Right: σ of every number of a pose."
+)
+RIG_TRUTH = (
+    " Black: distance from the truth. Good: about two of three within their bar, hardly any beyond "
+    "twice its height."
+)
+COVERAGE_CAMERA = (
+    "Where in the image were targets measured? Good: points all over, corners of the image "
+    "included, at several distances; directions of the boards' normals (dots) and of the round "
+    "targets' axes (strokes), in the robot's frame, well apart."
+)
+COVERAGE_LIDAR = (
+    "Which part of its view held targets? Good: several azimuths around, several heights, several "
+    "distances; normals of the boards (dots) and axes of the round targets (strokes), in the "
+    "robot's frame, well apart: three boards that all face the same way leave two directions open."
 )

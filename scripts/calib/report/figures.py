@@ -18,26 +18,21 @@ ARROWS = ONE_TO_ONE | dict(width=0.006, color=RED)
 ARROWS |= dict(headwidth=3, headlength=3, headaxislength=3)
 
 
-def _item(fig, name, label, caption):
-    return {"svg": plots.to_svg(fig, name, label), "caption": caption}
-
-
 def of_sensor(run, sensor):
     """The residual plots of one sensor, in reading order; none without a member."""
     kinds = {k: residuals.members(c) for k, c in residuals.of(run, sensor).items()}
     kinds = {k: c for k, c in kinds.items() if len(c["weight"])}
-    camera = run.sensors[sensor]["kind"] == "camera"
     out = []
     for kind, columns in kinds.items():
         out.append(sigmas(sensor, kind, columns))
-        out.append(pixels(sensor, columns) if camera else lengths(sensor, kind, columns))
+        plane = residuals.components(columns).shape[1] == 2
+        out.append((pixels if plane else lengths)(sensor, kind, columns))
     if kinds:
         out.append(placements(sensor, kinds))
-    if camera and kinds:
-        out.append(vectors(run, sensor, kinds))
-    elif "surface" in kinds:
-        out += surface(sensor, kinds["surface"])
-    return out
+    if main := residuals.lengths(kinds):
+        out += surface(sensor, main)
+    in_image = [c for c in kinds.values() if residuals.components(c).shape[1] == 2]
+    return out + ([vectors(run, sensor, in_image)] if in_image else [])
 
 
 def sigmas(sensor, kind, columns):
@@ -46,42 +41,48 @@ def sigmas(sensor, kind, columns):
     limit = max(4.0, np.ceil(np.abs(r).max()))
     edges = np.linspace(-limit, limit, BINS)
     fig, ax = plots.figure()
-    ax.hist(r, edges, color=BLUE, alpha=0.75)
-    x = np.linspace(-limit, limit, 200)
-    normal = np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi) * len(r) * (edges[1] - edges[0])
-    ax.plot(x, normal, color=ORANGE, lw=1.4, label="N(0, 1)")
+    ax.stairs(np.histogram(r, edges)[0], edges, fill=True, color=BLUE, alpha=0.75)
+    signed = residuals.signed(r)
+    if signed:
+        x = np.linspace(-limit, limit, 200)
+        normal = np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi) * len(r) * (edges[1] - edges[0])
+        ax.plot(x, normal, color=ORANGE, lw=1.4, label="N(0, 1)")
+        ax.legend(loc="upper right")
     for side in (-residuals.BEYOND, residuals.BEYOND):
         ax.axvline(side, color=MUTED, lw=0.7, ls=":")
     ax.set(xlabel="residual / σ", ylabel="count", title=f"{sensor}, {kind}: in units of σ")
-    ax.legend(loc="upper right")
     out, expected = residuals.beyond(r)
     caption = captions.SIGMA.format(
         n=text.count(len(r)),
         rms=text.fixed(residuals.rms(r), 2),
         out=text.count(out),
-        expected=text.number(expected, 2),
-        good=captions.SIGMA_EDGE if kind == "edge" else captions.SIGMA_GOOD,
+        expected=f"a normal would have {text.number(expected, 2)}. " if signed else "",
+        good=captions.SIGMA_GOOD[kind if kind == "edge" else "signed" if signed else "length"],
     )
-    return _item(fig, f"sigma-{sensor}-{kind}", f"Residuals of {sensor} {kind} over sigma", caption)
+    label = f"Residuals of {sensor} {kind} over sigma"
+    return plots.drawing(fig, f"sigma-{sensor}-{kind}", label, caption)
 
 
 def lengths(sensor, kind, columns):
-    """Histogram of a lidar's residuals in mm or degrees."""
-    unit, scale = residuals.unit("lidar", kind)
+    """Histogram of residuals of one component in mm, degrees or pixels."""
+    unit, scale = residuals.unit(kind)
     r = residuals.components(columns).ravel() * scale
     limit = np.abs(r).max() * 1.02 + 1e-12
+    low = -limit if residuals.signed(r) else 0.0
     fig, ax = plots.figure()
-    ax.hist(r, np.linspace(-limit, limit, BINS), color=GREEN, alpha=0.75)
+    counts, edges = np.histogram(r, np.linspace(low, limit, BINS))
+    ax.stairs(counts, edges, fill=True, color=GREEN, alpha=0.75)
     ax.axvline(np.mean(r), color=INK, lw=1, label=f"mean {text.number(np.mean(r), 2)} {unit}")
     ax.set(xlabel=f"residual, {unit}", ylabel="count", title=f"{sensor}, {kind}: in {unit}")
     ax.legend(loc="upper right")
     meaning = residuals.MEANING.get(kind, "residuals")
     size = text.number(residuals.rms(r))
     caption = captions.LENGTH.format(rms=size, unit=unit, meaning=meaning)
-    return _item(fig, f"si-{sensor}-{kind}", f"Residuals of {sensor} {kind} in {unit}", caption)
+    label = f"Residuals of {sensor} {kind} in {unit}"
+    return plots.drawing(fig, f"si-{sensor}-{kind}", label, caption)
 
 
-def pixels(sensor, columns):
+def pixels(sensor, kind, columns):
     """Residuals (u, v) of a camera as a cloud."""
     uv = columns["value"]
     limit = np.abs(uv).max() * 1.05 + 1e-12
@@ -90,12 +91,13 @@ def pixels(sensor, columns):
     mean, digits = uv.mean(0), text.places(residuals.rms(uv) / 10)
     ax.plot(*mean, "+", ms=9, mew=1.4, color=INK, label="mean")
     ax.set(xlim=(-limit, limit), ylim=(limit, -limit), aspect="equal", adjustable="box")
-    ax.set(xlabel="u: right, px", ylabel="v: down, px", title=f"{sensor}: in px")
+    ax.set(xlabel="u: right, px", ylabel="v: down, px", title=f"{sensor}, {kind}: in px")
     ax.legend(loc="upper right")
     size = text.number(residuals.rms(np.linalg.norm(uv, axis=1)))
     u, v = (text.fixed(m, digits) for m in mean)
     caption = captions.PIXEL.format(rms=size, u=u, v=v)
-    return _item(fig, f"px-{sensor}", f"Residuals of {sensor} in pixels", caption)
+    label = f"Residuals of {sensor} {kind} in pixels"
+    return plots.drawing(fig, f"px-{sensor}-{kind}", label, caption)
 
 
 def placements(sensor, kinds):
@@ -119,13 +121,14 @@ def placements(sensor, kinds):
     ax.legend(loc="upper right", ncols=3)
     several = len({session for session, _ in keys}) > 1
     caption = captions.PLACEMENT + (captions.PLACEMENT_SESSIONS if several else "")
-    return _item(fig, f"placements-{sensor}", f"Residuals of {sensor} by placement", caption)
+    label = f"Residuals of {sensor} by placement"
+    return plots.drawing(fig, f"placements-{sensor}", label, caption)
 
 
-def vectors(run, sensor, kinds):
+def vectors(run, sensor, parts):
     """Where in the image the residuals point: each of them, and the mean of each cell."""
-    uv = np.concatenate([c["measured"][:, :2] for c in kinds.values()])
-    value = np.concatenate([c["value"] for c in kinds.values()])
+    uv = np.concatenate([c["measured"][:, :2] for c in parts])
+    value = np.concatenate([c["value"] for c in parts])
     width, height = run.options["sensors"][sensor]["size_px"]
     centre, mean, sigma = cells(uv, value, width, height)
     longest = np.linalg.norm(mean, axis=1).max(initial=0.0)
@@ -142,8 +145,8 @@ def vectors(run, sensor, kinds):
     numbers = dict(gain=text.number(gain), mean_gain=text.number(mean_gain), few=FEW)
     numbers |= dict(longest=text.number(longest, 2), beyond=beyond, cells=len(mean))
     caption = captions.VECTOR.format(**numbers)
-    name, label = f"vectors-{sensor}", f"Residual vectors of {sensor} over the image"
-    return _item(fig, name, label, caption) | {"double": True}
+    label = f"Residual vectors of {sensor} over the image"
+    return plots.drawing(fig, f"vectors-{sensor}", label, caption, span=2)
 
 
 def cells(uv, value, width, height):
@@ -166,9 +169,12 @@ def surface(sensor, columns):
     """Residuals of a lidar's returns by ring, range and angle of incidence."""
     d, r = columns["value"][:, 0] * 1e3, columns["value"][:, 0] / columns["sigma"]
     ring = np.asarray(columns["index"])
-    angle = np.degrees(np.arccos(np.clip(columns["cosine"], -1, 1)))
+    cosine = np.asarray(columns["cosine"])
+    angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     rings = [(k, d[ring == k]) for k in np.unique(ring[ring >= 0])]
-    ranges, angles = _binned(np.asarray(columns["range"]), r), _binned(angle, r)
+    ranges = _binned(np.asarray(columns["range"]), r)
+    # A comparison of points with points knows no incidence and says 0.
+    angles = _binned(angle, r) if cosine.any() else []
     mm, over = ("residual, mm", None), ("residual / σ", (-1, 1))
     plans = (
         ("ring", rings, "ring (beam)", mm, captions.RING),
@@ -196,7 +202,7 @@ def _groups(sensor, what, groups, xlabel, axis, caption):
         x, q = np.array([x for x, _ in shown]), np.array([q for _, q in shown]).T
         ax.errorbar(x, q[1], [q[1] - q[0], q[2] - q[1]], fmt="o", ms=3.5, lw=1.2, color=BLUE)
     ax.set(xlabel=xlabel, ylabel=ylabel, title=f"{sensor}: by {what}")
-    return _item(fig, f"{what}-{sensor}", f"Residuals of {sensor} by {what}", caption)
+    return plots.drawing(fig, f"{what}-{sensor}", f"Residuals of {sensor} by {what}", caption)
 
 
 def timeline(run, session):
@@ -223,7 +229,7 @@ def timeline(run, session):
     ax.set_xlim(0, max((last - zero) / NS, 1e-3))
     ax.grid(axis="y", visible=False)
     label = f"Placements and frames of session {session}"
-    return _item(fig, f"timeline-{session}", label, captions.TIMELINE)
+    return plots.drawing(fig, f"timeline-{session}", label, captions.TIMELINE, span=0)
 
 
 def _frames(ax, y, run, session, sensor, target, zero):

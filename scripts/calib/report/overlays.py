@@ -1,17 +1,10 @@
 """Targets as a sensor saw them against where guess and solution put them: the worst first."""
 
-import base64
-import html
-
-import cv2
-import numpy as np
-
-from calib import geometry, images, rig, tables, targets
-from calib.report import lidar_overlays, residuals, text
+from calib import tables
+from calib.report import camera_overlays, lidar_overlays, residuals
 from calib.report.run import payloads
 
-MOST_PX = 640  # of an image in the report, wide
-JPEG = [cv2.IMWRITE_JPEG_QUALITY, 82]
+DRAW = {"camera": camera_overlays.draw, "lidar": lidar_overlays.draw}
 
 
 def of_sensor(run, sensor):
@@ -21,15 +14,13 @@ def of_sensor(run, sensor):
         session: payloads(stream.path, [v for s, v, _ in chosen if s == session])
         for session, stream in streams(run, sensor).items()
     }
-    draw = camera if run.sensors[sensor]["kind"] == "camera" else lidar_overlays.draw
+    draw = DRAW[run.sensors[sensor]["kind"]]
     rows = residuals.of(run, sensor)
     out = []
     for session, view, score in chosen:
         here = {k: _of_view(c, session, view) for k, c in rows.items()}
-        out.append(
-            draw(run, sensor, session, read[session][view], here)
-            | {"head": head(run, sensor, session, view, score)}
-        )
+        drawn = draw(run, sensor, session, read[session][view], here)
+        out.append({"head": head(run, sensor, session, view, score), "drawing": drawn})
     return out
 
 
@@ -81,116 +72,3 @@ def head(run, sensor, session, view, score):
 
 def _of_view(columns, session, view):
     return tables.select(columns, (columns["session"] == session) & (columns["view"] == view))
-
-
-def camera(run, sensor, session, row, rows):
-    """The image around the target with its corners as detected, guessed and solved."""
-    model = rig.camera(run.options["sensors"][sensor])
-    target = targets.from_config(run.options["targets"][row["target"]])
-    guess, solved = run.T_sensor_target(sensor, session, row["placement"])
-    corners = rows.get("corner")
-    detected = np.zeros((0, 2)) if corners is None else corners["measured"][:, :2]
-    if not len(detected):
-        detected = _keypoints(run, sensor, session, row["view"])
-    pattern = target.pattern.corners() if target.pattern else np.zeros((0, 3))
-    shapes = {n: (None if T is None else _project(model, T, pattern), _outline(model, T, target))
-              for n, T in (("guess", guess), ("solved", solved))}  # fmt: skip
-    image = images.from_png(row["png"])
-    box = _box(image.shape, row, [detected, *(s for pair in shapes.values() for s in pair)])
-    arrows, gain = _arrows(corners, box)
-    marks = _marks(detected, shapes, arrows, box)
-    caption = f"u {box[0]} to {box[2] - 1}, v {box[1]} to {box[3] - 1} px"
-    caption += f"; residuals × {text.number(gain)}" if gain else ""
-    return {"svgs": [_picture(image, row, box, marks, caption)], "caption": caption}
-
-
-def _keypoints(run, sensor, session, view):
-    k = run.sessions[session].streams[sensor].keypoints
-    rows = (np.asarray(k["view"]) == view) & (np.asarray(k["kind"], str) == "corner")
-    return np.asarray(k["uv"], float).reshape(-1, 2)[rows]
-
-
-def _project(model, T, points):
-    uv, valid = model.project(geometry.transform(T, points))
-    return uv[valid]
-
-
-def _outline(model, T, target):
-    """Pixels (n, 2) along the edges of a flat target; None without a pose or without edges."""
-    ends = target.edges()
-    if T is None or not len(ends):
-        return None
-    fraction = np.linspace(0, 1, 12)[:, None]
-    along = np.concatenate([a + fraction * (b - a) for a, b in ends])
-    return _project(model, T, along)
-
-
-def _box(shape, row, marks):
-    """Part (u0, v0, u1, v1) of the recorded region that holds the marks, with room around them."""
-    low, high = (
-        np.array([row["u0"], row["v0"]]),
-        np.array([row["u0"] + shape[1], row["v0"] + shape[0]]),
-    )
-    found = [m for m in marks if m is not None and len(m)]
-    if not found:
-        return (*low.tolist(), *high.tolist())
-    points = np.clip(np.concatenate(found), low, high)
-    room = 0.08 * np.ptp(points, axis=0).max() + 8
-    first = np.maximum(np.floor(points.min(0) - room), low).astype(int)
-    last = np.minimum(np.ceil(points.max(0) + room), high).astype(int)
-    return (*first.tolist(), *last.tolist())
-
-
-def _arrows(corners, box):
-    """Residuals of the members as (from, to) pixels, magnified to be seen, and by how much."""
-    used = None if corners is None else residuals.members(corners)
-    if used is None or not len(used["weight"]):
-        return np.zeros((0, 2, 2)), None
-    size = residuals.rms(np.linalg.norm(used["value"], axis=1))
-    gain = text.nice((box[2] - box[0]) / 30 / max(size, 1e-9))
-    start = used["measured"][:, :2]
-    return np.stack([start, start + gain * used["value"]], 1), gain
-
-
-def _path(points, closed=False):
-    body = "L".join(f"{u:.2f} {v:.2f}" for u, v in points)
-    return f"M{body}{'Z' if closed else ''}" if len(points) else ""
-
-
-def _cross(points, r, diagonal):
-    a, b = ((r, r), (r, -r)) if diagonal else ((r, 0), (0, r))
-    return "".join(_path([p - a, p + a]) + _path([p - b, p + b]) for p in points)
-
-
-def _marks(detected, shapes, arrows, box):
-    """SVG elements over an image, in its pixels."""
-    r = (box[2] - box[0]) / 90
-    out = []
-    for name, (uv, outline) in shapes.items():
-        if outline is not None:
-            out.append(f'<path class="m {name} line" d="{_path(outline, True)}"/>')
-        if uv is not None:
-            out.append(f'<path class="m {name}" d="{_cross(uv, 0.8 * r, name == "solved")}"/>')
-    out += [
-        f'<circle class="m seen" cx="{u:.2f}" cy="{v:.2f}" r="{1.3 * r:.2f}"/>' for u, v in detected
-    ]
-    out.append(f'<path class="m arrow" d="{"".join(_path(a) for a in arrows)}"/>')
-    return "".join(out)
-
-
-def _picture(image, row, box, marks, label):
-    """<svg> of part of a region with marks, in the pixels of the whole image."""
-    u0, v0, u1, v1 = box
-    part = image[v0 - row["v0"] : v1 - row["v0"], u0 - row["u0"] : u1 - row["u0"]]
-    width, height = u1 - u0, v1 - v0
-    if width > MOST_PX:
-        size = MOST_PX, max(1, round(height * MOST_PX / width))
-        part = cv2.resize(part, size, interpolation=cv2.INTER_AREA)
-    data = base64.b64encode(cv2.imencode(".jpg", part, JPEG)[1].tobytes()).decode()
-    where = f'x="{u0 - 0.5}" y="{v0 - 0.5}" width="{width}" height="{height}"'
-    view = f'viewBox="{u0 - 0.5} {v0 - 0.5} {width} {height}"'
-    return (
-        f'<svg class="photo" role="img" aria-label="{html.escape(label)}" {view}>'
-        f'<image {where} preserveAspectRatio="none" href="data:image/jpeg;base64,{data}"/>'
-        f"{marks}</svg>"
-    )

@@ -1,22 +1,37 @@
-"""Figures as inline SVG that follows the page's light or dark colours."""
+"""Figures as inline SVG that follows the page's light or dark colours, as files, and for paper."""
 
+import base64
 import io
 import re
+from dataclasses import dataclass
 
+import cv2
 import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.transforms import ScaledTranslation
 
 WIDTH, HEIGHT, WIDE = 3.6, 2.5, 8.5  # inch: a phone's width at a readable size; the page's
 LEFT, RIGHT, BOTTOM, TOP = 0.62, 0.12, 0.46, 0.26  # inch, for tick labels, axis labels and title
-DPI = 160  # of what is drawn as pixels
-# Stand-ins that to_svg replaces by the page's colours.
-INK, MUTED, GRID = "#010203", "#040506", "#070809"
+DPI = 130  # of what is drawn as pixels in an SVG
+PAPER_DPI = 180
+# Full colour resolution, or thin lines of colour smear.
+JPEG = [cv2.IMWRITE_JPEG_QUALITY, 90, cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]  # fmt: skip
+LABELS = 0.44, 0.23  # inch from the axes to the labels of y and x
+# The light page's own colours, so that paper needs no others; to_svg makes them follow the page.
+INK, MUTED, GRID = "#1d2126", "#667080", "#e4e7eb"
 THEME = {INK: "var(--ink)", MUTED: "var(--muted)", GRID: "var(--grid)"}
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY = (
     "#3f83e8", "#d9820f", "#1f9d63", "#d9483b", "#a05be0", "#8a93a0",
 )  # fmt: skip
 CYCLE = (BLUE, ORANGE, GREEN, PURPLE, RED, GREY)
+# As in the paper's figures: the first guess, the result.
+GUESS, RESULT = RED, GREEN
+NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+FONT = "Liberation Sans, Arial, DejaVu Sans, sans-serif"
 STYLE = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
@@ -26,6 +41,7 @@ STYLE = {
     "axes.edgecolor": MUTED,
     "axes.titlesize": 8.5,
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,
     "axes.linewidth": 0.7,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -46,6 +62,21 @@ STYLE = {
 }
 
 
+@dataclass(frozen=True)
+class Drawing:
+    """A figure with its caption: an <svg> element, and the JPEG that paper shows in its stead.
+
+    caption says what is seen, reading what good looks like; span: how many of the page's columns
+    it takes, 0 for all of them.
+    """
+
+    svg: str
+    raster: bytes | None
+    caption: str
+    reading: str = ""
+    span: int = 1
+
+
 def height_for(share, width=WIDTH):
     """Height, inch, of a figure whose axes are `share` as high as wide."""
     return BOTTOM + TOP + share * (width - LEFT - RIGHT)
@@ -53,13 +84,53 @@ def height_for(share, width=WIDTH):
 
 def figure(width=WIDTH, height=HEIGHT, left=LEFT):
     """An empty figure of the report's style and its axes; left: room for its tick labels, inch."""
+    fig, axes = panels((1,), width, height, left)
+    return fig, axes[0]
+
+
+def panels(shares, width=WIDE, height=HEIGHT, left=LEFT, gap=LEFT):
+    """An empty figure and axes side by side, their widths in proportion to shares; inches."""
     matplotlib.rcdefaults()
     matplotlib.rcParams.update(STYLE)
     fig = Figure((width, height), dpi=DPI)
-    inside = width - left - RIGHT, height - BOTTOM - TOP
-    ax = fig.add_axes((left / width, BOTTOM / height, inside[0] / width, inside[1] / height))
-    ax.locator_params(nbins=6)
-    return fig, ax
+    room = width - left - RIGHT - gap * (len(shares) - 1)
+    axes, at = [], left
+    for share in shares:
+        inside = room * share / sum(shares)
+        box = at / width, BOTTOM / height, inside / width, (height - BOTTOM - TOP) / height
+        axes.append(fig.add_axes(box))
+        axes[-1].locator_params(nbins=5 if inside > WIDTH / 2 else 4)
+        _place_labels(fig, axes[-1])
+        at += inside + gap
+    return fig, axes
+
+
+def _place_labels(fig, ax):
+    """Labels at a fixed distance: to find room beside the ticks takes a quarter of the drawing."""
+    left, below = (-LABELS[0], 0), (0, -LABELS[1])
+    offset = [ax.transAxes + ScaledTranslation(*o, fig.dpi_scale_trans) for o in (left, below)]
+    ax.yaxis.set_label_coords(0, 0.5, transform=offset[0])
+    ax.xaxis.set_label_coords(0.5, 0, transform=offset[1])
+
+
+def drawing(fig, name, label, caption, span=1, vector=False):
+    """The Drawing of a figure; vector: sparse enough to stay one on paper.
+
+    What a caption says from "Good:" on is its reading.
+    """
+    seen, good, reading = caption.partition("Good:")
+    svg, raster = to_svg(fig, name, label), None if vector else to_jpeg(fig)
+    return Drawing(svg, raster, seen.strip(), (good + reading).strip(), span)
+
+
+def to_jpeg(fig):
+    """The figure on white, as JPEG bytes, which a PDF takes as they are; PNG is packed anew."""
+    fig.patch.set_facecolor("white")
+    fig.set_dpi(PAPER_DPI)
+    canvas = FigureCanvasAgg(fig)
+    canvas.draw()
+    bgr = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., 2::-1])
+    return cv2.imencode(".jpg", bgr, JPEG)[1].tobytes()
 
 
 def to_svg(fig, name, label):
@@ -74,8 +145,39 @@ def to_svg(fig, name, label):
     svg = re.sub(r'<g id="[^"]*"', "<g", svg)
     svg = svg.replace("xlink:href", "href")
     svg = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font-size: \1px", svg)
-    for stand_in, colour in THEME.items():
-        svg = svg.replace(stand_in, colour)
+    for light, colour in THEME.items():
+        svg = svg.replace(light, colour)
     box = re.search(r'viewBox="[^"]*"', svg)[0]
     opening = f'<svg class="plot" role="img" aria-label="{label}" {box}>'
     return re.sub(r"<svg.*?>", lambda _: opening, svg, count=1, flags=re.S)
+
+
+def alone(svg):
+    """An <svg> element that needs no page around it, in the light page's colours."""
+    for light, colour in THEME.items():
+        svg = svg.replace(colour, light)
+    return svg.replace("<svg ", f'<svg {NAMESPACES} font-family="{FONT}" ', 1)
+
+
+def on_paper(drawn):
+    """<img> of a Drawing."""
+    kind, data = "jpeg", drawn.raster
+    if data is None:
+        kind, data = "svg+xml", alone(drawn.svg).encode()
+    return f'<img alt="" src="data:image/{kind};base64,{base64.b64encode(data).decode()}">'
+
+
+def sheet(drawn, columns):
+    """An SVG file, as text, of several Drawings in rows of so many columns."""
+    boxes = [re.search(r'viewBox="[\d.]+ [\d.]+ ([\d.]+) ([\d.]+)"', d.svg) for d in drawn]
+    sizes = np.reshape([[float(b[1]), float(b[2])] for b in boxes], (-1, 2))
+    parts, top, widest = [], 0.0, 1.0
+    for i in range(0, len(drawn), columns):
+        row = sizes[i : i + columns]
+        left = np.cumsum(row[:, 0]) - row[:, 0]
+        for k, (w, h) in enumerate(row):
+            place = f'x="{left[k]:g}" y="{top:g}" width="{w:g}" height="{h:g}"'
+            parts.append(drawn[i + k].svg.replace("<svg ", f"<svg {place} ", 1))
+        top, widest = top + row[:, 1].max(), max(widest, row[:, 0].sum())
+    box = f'viewBox="0 0 {widest:g} {max(top, 1.0):g}"'
+    return alone(f"<svg {box}>{''.join(parts)}</svg>\n")

@@ -3,6 +3,8 @@
 import numpy as np
 
 from calib import tables
+from calib import verdict as judge
+from calib.kinds import KINDS
 from calib.report import text
 
 BEYOND = 3.0
@@ -10,23 +12,30 @@ NORMAL_BEYOND = 0.0026998  # share of N(0, 1) beyond 3 σ
 DOWN_WEIGHTED = 0.5
 MEANING = {
     "corner": "pattern corners, u and v",
-    "surface": "distances of returns from the surface",
     "edge": "angles between outline crossings and the outline",
+    "limb": "distances of contour points from the cylinder’s limb",
+    "point": "distances of returns from the nearest template points",
+    "silhouette": "distances of contour points from the template’s outline",
+    "surface": "distances of returns from the surface",
+    "vertex": "distances of a board’s corners from where they should be",
 }
+PRINTED = {"px": ("px", 1.0), "m": ("mm", 1e3), "rad": ("°", np.degrees(1.0))}
 
 
-def unit(sensor_kind, kind):
-    """(unit, factor from SI) in which residuals are printed."""
-    if sensor_kind == "camera":
-        return "px", 1.0
-    return ("°", np.degrees(1.0)) if kind == "edge" else ("mm", 1e3)
+def unit(kind):
+    """(unit, factor from SI or px) in which residuals of a kind are printed."""
+    return PRINTED[KINDS[kind].UNIT]
+
+
+def lengths(kinds):
+    """Columns of the kind of length, m, of {kind: columns} that counts the most; None without."""
+    found = [c for k, c in kinds.items() if KINDS[k].UNIT == "m"]
+    return max(found, key=lambda c: len(c["weight"]), default=None)
 
 
 def of(run, sensor):
     """{kind: columns} of one sensor."""
-    rows = tables.select(run.residuals, np.asarray(run.residuals["sensor"]) == sensor)
-    kinds = sorted(set(np.asarray(rows["kind"]).tolist()))
-    return {k: tables.select(rows, rows["kind"] == k) for k in kinds}
+    return run.by_sensor.get(sensor, {})
 
 
 def members(columns):
@@ -50,6 +59,11 @@ def rms(values):
     return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else None
 
 
+def signed(r):
+    """Whether residuals can be negative; lengths cannot, and follow no normal."""
+    return bool(np.any(np.asarray(r) < 0))
+
+
 def beyond(r):
     """How many of the normalised residuals lie beyond 3 σ, and how many of a normal would."""
     return int(np.sum(np.abs(r) > BEYOND)), NORMAL_BEYOND * np.size(r)
@@ -57,13 +71,14 @@ def beyond(r):
 
 def overview(run, sensor):
     """One row per kind of measurement: how many, how large, how many beyond 3 σ or left out."""
-    sensor_kind, rows = run.sensors[sensor]["kind"], []
+    rows = []
     for kind, columns in of(run, sensor).items():
         used = members(columns)
         n, all_rows = len(used["weight"]), len(columns["weight"])
-        name, scale = unit(sensor_kind, kind)
+        name, scale = unit(kind)
         r = normalised(used) if n else np.zeros((0, 1))
         out, expected = beyond(r)
+        told = f" (normal: {text.number(expected, 2)})"
         rows.append(
             {
                 "kind": kind,
@@ -74,10 +89,27 @@ def overview(run, sensor):
                 "down": text.count(int(np.sum(used["weight"] < DOWN_WEIGHTED))),
                 "rms": f"{text.number(_norm_rms(used) * scale)} {name}" if n else text.DASH,
                 "rms_sigma": text.fixed(rms(r), 2),
-                "beyond": f"{text.count(out)} (normal: {text.number(expected, 2)})",
+                "beyond": text.count(out) + told * signed(r),
             }
         )
     return rows
+
+
+def rejected(run, sensor):
+    """(candidates, rejected, share, level) of one sensor: what geometry admits, the gate refused.
+
+    None without a candidate.
+    """
+    found = run.calibration["sensors"][sensor]
+    share, members_ = found["rejected"], found["points"]
+    if share >= 1 or not members_:
+        return None
+    candidates = round(members_ / (1 - share))
+    level = judge.level(share, run.verdict["limits"], "rejected")
+    n = candidates - members_
+    return {"of": text.count(candidates), "n": text.count(n), "share": text.percent(share)} | {
+        "level": level
+    }
 
 
 def _norm_rms(columns):
@@ -124,7 +156,7 @@ def noise(run):
     rows = []
     for sensor, kinds in sorted(run.calibration["noise"]["sensors"].items()):
         for kind, sigma in sorted(kinds.items()):
-            name, scale = unit(run.sensors[sensor]["kind"], kind)
+            name, scale = unit(kind)
             given = configured(run, sensor, kind)
             rows.append(
                 {

@@ -1,6 +1,7 @@
 """The inputs of the report as plain data."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,17 @@ class Run:
     iterations: dict
     sessions: dict
 
+    @cached_property
+    def by_sensor(self):
+        """{sensor: {kind: columns}} of the residuals, both in order of name."""
+        out = {}
+        names = np.asarray(self.residuals["sensor"])
+        for sensor in np.unique(names).tolist():
+            rows = tables.select(self.residuals, names == sensor)
+            kinds = {k: rows["kind"] == k for k in np.unique(rows["kind"]).tolist()}
+            out[sensor] = {k: tables.select(rows, here) for k, here in kinds.items()}
+        return out
+
     @property
     def sensors(self):
         """Content of calibration.json by sensor, in order of name."""
@@ -62,6 +74,11 @@ class Run:
         T = self.sensors[sensor]["T_robot_sensor"] if sensor in self.sensors else None
         return None if T is None else np.array(T["matrix"])
 
+    def truth(self, sensor):
+        """The true T_robot_sensor (4, 4) where it was given, or None."""
+        known = self.options.get("truth", {})
+        return rig.pose(known[sensor]) if sensor in known else None
+
     def T_robot_target(self, session, placement, configured=False):
         """Mean pose (4, 4) of a placement's target; its mount as estimated, or as configured."""
         p = self.sessions[session].placements
@@ -70,13 +87,14 @@ class Run:
         return T_robot_body @ self.T_body_target(str(p["target"][row]), configured)
 
     def T_sensor_target(self, sensor, session, placement):
-        """By the first guess and by the estimate, each (4, 4) or None."""
+        """{"guess", "solved", "truth": (4, 4) or None}: a target by each pose of the sensor."""
         guess = self.sessions[session].streams[sensor].guess["T_robot_sensor"]
         T_guess = None if guess is None else np.array(guess["matrix"])
-        out = []
-        for T, configured in ((T_guess, True), (self.T_robot_sensor(sensor), False)):
-            T_robot_target = self.T_robot_target(session, placement, configured)
-            out.append(None if T is None else geometry.inverse(T) @ T_robot_target)
+        poses = {"guess": T_guess, "solved": self.T_robot_sensor(sensor)}
+        out = {}
+        for name, T in (poses | {"truth": self.truth(sensor)}).items():
+            T_robot_target = self.T_robot_target(session, placement, configured=name == "guess")
+            out[name] = None if T is None else geometry.inverse(T) @ T_robot_target
         return out
 
     def T_body_target(self, target, configured=False):

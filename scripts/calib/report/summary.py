@@ -1,15 +1,22 @@
-"""Verdict, extrinsics, noise, convergence and provenance as the template prints them."""
+"""Verdict, unknowns beside the poses, convergence and provenance as the template prints them."""
 
-import itertools
 import json
 
 import numpy as np
 
-from calib import geometry
 from calib import verdict as judge
-from calib.report import text
+from calib.report import extrinsics, text
+from calib.report.extrinsics import MM
 
-MM, DEG = 1e3, np.degrees(1.0)
+ADVICE = {
+    "sigma_m": "{name}: record more placements, and more different ones: nearer, tilted, and where "
+    "they differ in its least certain direction ({weakest}).",
+    "rejected": "{name}: see its overlays and its residuals by placement; a wrong size or mount of "
+    "a target, a target that was not still, or wrong lens parameters reject much.",
+    "placements": "{name}: hold targets still in more places that it sees; section 3 says where "
+    "frames were lost.",
+}
+ADVICE["sigma_deg"] = ADVICE["sigma_m"]
 
 
 def largest_sigmas(sensor):
@@ -66,102 +73,28 @@ def verdict(run):
         "reasons": judged["reasons"],
         "heads": heads,
         "rows": rows,
+        "advice": advice(run, limits),
         "limits": {k: text.number(v) for k, v in sorted(limits.items())},
         "summary": f"{len(solved)} of {total} calibrated from {sessions}.",
     }
 
 
-def robot_axes(covariance, R):
-    """Covariance (6, 6) with both blocks turned from the sensor's axes into the robot's."""
-    turn = np.kron(np.eye(2), R)
-    return turn @ np.asarray(covariance) @ turn.T
-
-
-def _fixed(values, places):
-    return [text.fixed(v, p) for v, p in zip(values, places, strict=True)]
-
-
-def pose_rows(T, covariance):
-    """Position, mm, and angles, deg, and their σ in the axes of both frames of T_a_b."""
-    own = np.sqrt(np.diag(covariance))
-    robot = np.sqrt(np.diag(robot_axes(covariance, T[:3, :3])))
-    value = np.concatenate([T[:3, 3] * MM, geometry.to_rpy(T) * DEG])
-    scale = np.repeat([MM, DEG], 3)
-    places = [text.places(s) for s in np.repeat((robot * scale).reshape(2, 3).min(1), 3)]
-    names = ("x", "mm"), ("y", "mm"), ("z", "mm"), ("roll", "°"), ("pitch", "°"), ("yaw", "°")
-    columns = (_fixed(v, places) for v in (value, robot * scale, own * scale))
-    return [
-        {"name": n, "unit": u, "value": v, "robot": r, "own": o}
-        for (n, u), v, r, o in zip(names, *columns, strict=True)
-    ]
-
-
-def extrinsic(name, sensor):
-    """What is said of one sensor's pose."""
-    out = {"name": name, "sensor": sensor, "solved": bool(sensor["T_robot_sensor"])}
-    out |= {k: text.count(sensor[k]) for k in ("placements", "observations", "points")}
-    out["rejected"] = text.percent(sensor["rejected"])
-    out["residual"] = residual(**sensor["residual"])
-    if not out["solved"]:
-        return out
-    T = np.array(sensor["T_robot_sensor"]["matrix"])
-    out |= {"rows": pose_rows(T, sensor["covariance"]), "change": change(sensor["guess"], T)}
-    out["worked"] = ", ".join(text.fixed(v, 4) for v in geometry.transform(T, [1.0, 0.0, 0.0]))
-    out["quat"] = ", ".join(text.fixed(v, 8) for v in sensor["T_robot_sensor"]["quat_xyzw"])
-    out["matrix"] = "\n".join(" ".join(f"{v: .9f}" for v in row) for row in T)
-    weak = sensor.get("weakest")
-    if weak:
-        turning = weak["direction"].startswith("rotation")
-        sigma = (
-            f"{text.number(weak['sigma'] * (DEG if turning else MM), 2)} {'°' if turning else 'mm'}"
-        )
-        out["weakest"] = f"{weak['direction']}, σ {sigma}"
-    return out
-
-
-def residual(rms, unit):
-    """A residual of calibration.json in mm or px."""
-    if rms is None:
-        return text.DASH
-    return f"{text.number(rms * MM)} mm" if unit == "m" else f"{text.number(rms)} {unit}"
-
-
-def change(guess, T):
-    """How far the estimate lies from the first guess: mm, deg, and in σ of the guess."""
-    if not guess.get("T_robot_sensor"):
-        return None
-    T_guess = np.array(guess["T_robot_sensor"]["matrix"])
-    moved = geometry.inverse(T_guess) @ T
-    shares = np.abs(geometry.se3_log(moved)) / np.array(guess["sigma"])
-    return {
-        "mm": text.number(np.linalg.norm(T[:3, 3] - T_guess[:3, 3]) * MM),
-        "deg": text.number(np.degrees(geometry.angle(moved))),
-        "sigmas": text.number(shares.max(), 2),
-        "source": guess["source"],
-    }
-
-
-def extrinsics(run):
-    """Every sensor's pose, or why it has none."""
-    return [extrinsic(n, s) for n, s in run.sensors.items()]
-
-
-def between(run):
-    """Pose of every solved sensor in every earlier one, with σ from their joint covariance."""
-    joint = run.calibration["joint_covariance"]
-    rows = []
-    for a, b in itertools.combinations(joint["order"] if joint else [], 2):
-        at = [6 * joint["order"].index(n) + i for n in (a, b) for i in range(6)]
-        T_r_a, T_r_b = run.T_robot_sensor(a), run.T_robot_sensor(b)
-        block = np.array(joint["matrix"])[np.ix_(at, at)]
-        covariance = geometry.covariance_of_relative(T_r_a, T_r_b, block)
-        T = geometry.inverse(T_r_a) @ T_r_b
-        rows.append({"a": a, "b": b, "rows": pose_rows(T, covariance)})
-    return rows
+def advice(run, limits):
+    """What to do about everything that did not pass, each advice once."""
+    out = []
+    for name, sensor in run.sensors.items():
+        if not sensor["T_robot_sensor"]:
+            out.append(f"{name}: {sensor['status']['remedy'] or sensor['status']['reason']}")
+            continue
+        for _, _, key, _, value, large in checks(sensor):
+            if _level(value, limits, key, large) != "pass":
+                weakest = extrinsics.least_certain(sensor)
+                out.append(ADVICE[key].format(name=name, weakest=weakest))
+    return list(dict.fromkeys(out))
 
 
 def other_unknowns(run):
-    """(name, text) of everything beside the poses that could have been estimated."""
+    """(name, text or None) of everything beside the poses that could have been estimated."""
     rows = []
     for name, s in run.sensors.items():
         offset = s["time_offset_s"]
@@ -169,10 +102,10 @@ def other_unknowns(run):
             shown = (
                 f"{text.fixed(offset['value'] * MM, 3)} ± {text.number(offset['sigma'] * MM, 2)} ms"
             )
-        rows.append((f"time offset of {name}", shown if offset else "not estimated"))
+        rows.append((f"time offset of {name}", shown if offset else None))
         intrinsics = json.dumps(s["intrinsics"], sort_keys=True) if s["intrinsics"] else None
         if s["kind"] == "camera":
-            rows.append((f"intrinsics of {name}", intrinsics or "not estimated"))
+            rows.append((f"intrinsics of {name}", intrinsics))
     for name, target in sorted(run.calibration["targets"].items()):
         rows.append((f"alignment of {name} in its MCS body", _alignment(target)))
     for name, session in sorted(run.calibration["sessions"].items()):
@@ -183,9 +116,10 @@ def other_unknowns(run):
 
 def _alignment(target):
     if not target:
-        return "not estimated"
-    rows = pose_rows(np.array(target["T_body_target"]["matrix"]), target["covariance"])
-    return ", ".join(f"{r['name']} {r['value']} ± {r['robot']} {r['unit']}" for r in rows)
+        return None
+    T = np.array(target["T_body_target"]["matrix"])
+    rows = extrinsics.rows(T, target["covariance"], None, None)
+    return ", ".join(f"{r['name']} {r['value']} ± {r['sigma']} {r['unit']}" for r in rows)
 
 
 def convergence(run):

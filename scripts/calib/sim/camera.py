@@ -1,5 +1,7 @@
 """Images of a scene: the exact integral of flat colours over square pixels, nearly.
 
+A cylinder's side is shaded besides, by a factor taken at the middle of each pixel.
+
 Every ray comes from Camera.unproject. Rays through the corners of pixels tell which pixels hold
 a border between two labels; all others have one colour, exactly. Those near a target are then
 integrated with many scrambled Sobol points each, whose error falls for edges of every direction;
@@ -16,13 +18,15 @@ from scipy.stats import qmc
 
 from calib.geometry import inverse, transform
 from calib.sim import scene as scenes
+from calib.sim.shapes import side_normal
 
 BLOCK = 4  # px between the rays that look for borders first
 PER_SET = (
     64  # a set of 1024 points comes in 16 versions, and neighbouring pixels take different ones
 )
 COARSE, FINE = 16, 1024  # points in a pixel away from targets or in motion, and on targets
-GREY = np.array([0.114, 0.587, 0.299])  # of B, G, R
+SHADED = ("cylinder",)
+LIGHT = np.array([0.30, 0.20, 0.93])  # towards the lamps, world
 
 
 class View(NamedTuple):
@@ -49,6 +53,7 @@ def render(view, scene, T_world_surfaces, T_world_camera, fine=FINE, coarse=COAR
     border = np.any([c != corner[0] for c in corner[1:]], axis=0)
     _mark_corners(border, view.camera, scene, *poses)
     image = scene.colors[corner[0]]
+    shares = [(corner[0] == first).astype(float) for _, first in _sides(scene)]
     v, u = np.nonzero(border)
     varied, near = _around(scene, label, v, u)
     v, u, near = v[varied], u[varied], near[varied]
@@ -56,17 +61,31 @@ def render(view, scene, T_world_surfaces, T_world_camera, fine=FINE, coarse=COAR
     is_fine = (near & sum(1 << i for i in targets)) > 0
     for points, mask in ((fine, is_fine), (coarse, ~is_fine)):
         part = (v[mask], u[mask])
-        image[part] = _integrate(view, scene, *poses, *part, near[mask], points)
+        image[part], parts = _integrate(view, scene, *poses, *part, near[mask], points)
+        for share, values in zip(shares, parts, strict=True):
+            share[part] = values
+    for (surface, first), share in zip(_sides(scene), shares, strict=True):
+        seen = share > 0
+        shade = _shade(view, surface, *poses, seen)
+        image[seen] += (share[seen] * (shade - 1))[:, None] * scene.colors[first]
     return image
 
 
-def expose(image, encoding, noise, rng):
-    """Image (height, width[, 3]) uint8 of an unrounded one: Gaussian noise per channel, rounded."""
-    if encoding == "mono8":
-        image = image @ GREY
-    if noise:
-        image = image + np.float32(noise) * rng.standard_normal(image.shape, np.float32)
-    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+def _sides(scene):
+    """Surface and label of the side of every cylinder that is a target."""
+    return [(s, f) for s, f in zip(scene.surfaces, scene.first, strict=True) if s.name in SHADED]
+
+
+def _shade(view, surface, T_world_surfaces, T_world_camera, seen):
+    """Brightness (n,) of a cylinder's side in the pixels seen (height, width): between 0.7 and 1,
+    by the angle between its normal and the light, without the harsh edge of a lamp's shadow."""
+    v, u = np.nonzero(seen)
+    corners = [view.rays[v + i, u + j] for i in (0, 1) for j in (0, 1)]
+    T = inverse(T_world_surfaces[surface.name]) @ T_world_camera
+    o, d = T[:3, 3], np.mean(corners, axis=0) @ T[:3, :3].T
+    normal = side_normal(surface.size, o, d)
+    light = T_world_surfaces[surface.name][:3, :3].T @ LIGHT
+    return 0.85 + 0.15 * normal @ light
 
 
 def _labels(view, scene, T_world_surfaces, T_world_camera):
@@ -109,8 +128,10 @@ def _around(scene, label, v, u):
 
 
 def _integrate(view, scene, T_world_surfaces, T_world_camera, v, u, near, points):
-    """Mean colours (n, 3) over the pixels (v, u) (n,), with so many points in each."""
-    out = np.empty((len(v), 3))
+    """Mean colours (n, 3) over the pixels (v, u) (n,), with so many points in each, and the shares
+    (sides, n) of the points that meet the side of each shaded cylinder."""
+    sides = [first for _, first in _sides(scene)]
+    out, shares = np.empty((len(v), 3)), np.zeros((len(sides), len(v)))
     weights = _weights(points)
     sets = len(weights)
     group = near * sets + (u + 5 * v) % sets
@@ -121,7 +142,9 @@ def _integrate(view, scene, T_world_surfaces, T_world_camera, v, u, near, points
         only = [i for i in range(len(scene.surfaces)) if (g // sets) >> i & 1]
         label = scenes.cast(scene, T_world_surfaces, T_world_camera, rays.reshape(-1, 3), only)[1]
         out[where] = scene.colors[label].reshape(points, -1, 3).mean(0)
-    return out
+        for share, side in zip(shares, sides, strict=True):
+            share[where] = (label == side).reshape(points, -1).mean(0)
+    return out, shares
 
 
 @cache

@@ -1,4 +1,4 @@
-"""The configuration that a user would write for a simulated log, and the truth about it."""
+"""The configuration that a user would write for simulated logs, and the truth about them."""
 
 import json
 
@@ -8,15 +8,18 @@ import yaml
 from calib.geometry import to_quat, to_rpy
 from calib.sim import record, scene
 
-LOG = "logs/sim.mcap"
-MCS_FLOOR_M, MCS_FLOOR_DEG = 1e-6, 0.0001
+MCS_FLOOR_M, MCS_FLOOR_DEG = 1e-8, 1e-6
 RANGE_FLOOR_M = 0.001
 DECIMALS = 6  # decimals of a metre or degree in the written guess
 
 
-def rig_config(session, guesses):
-    """rigs/sim.yaml as a dict; guesses: T_robot_sensor (4, 4) by sensor."""
-    args, camera = session.args, session.rig.camera
+def log_path(session):
+    """Where the log of the session so named is, relative to the working directory."""
+    return f"logs/{session}.mcap"
+
+
+def rig_config(rig, guesses, args):
+    """rigs/<rig>.yaml as a dict, of a mounts.Built; guesses: T_robot_sensor (4, 4) by sensor."""
     xyz_m = max(args.mcs_noise_m, MCS_FLOOR_M)
     rpy_deg = max(args.mcs_noise_deg, MCS_FLOOR_DEG)
     bias = _sigma(max(args.mcs_bias_m, MCS_FLOOR_M), max(args.mcs_bias_deg, MCS_FLOOR_DEG))
@@ -27,25 +30,37 @@ def rig_config(session, guesses):
         "pose_bias_sigma": bias,
     }
     of_guess = _sigma(max(args.guess_error_m, 0.005), max(args.guess_error_deg, 0.5), 3**-0.5)
-    common = {
-        name: {
-            "topic": record.TOPICS[name],
+    sensors = {}
+    for name, T in guesses.items():
+        spec = rig.specs[name]
+        is_camera = name in rig.cameras
+        sensors[name] = {
+            "kind": "camera" if is_camera else "lidar",
+            "topic": spec.topic + ("/compressed" if is_camera and spec.compressed else ""),
             "T_robot_sensor": written_pose(T),
             "guess_sigma": of_guess,
+            **(_camera(spec) if is_camera else _lidar(spec, args)),
         }
-        for name, T in guesses.items()
+    truth = {
+        name: {"xyz_m": _floats(T[:3, 3]), "quat_xyzw": _floats(to_quat(T))}
+        for name, T in rig.sensors.items()
     }
-    velodyne = {"azimuth_step_deg": 0.2, "range_sigma_m": max(args.range_noise_m, RANGE_FLOOR_M)}
-    pinhole = {
-        "model": camera.model,
-        "size_px": list(camera.size),
-        "params": list(camera.params[:8]),
+    return {"body": record.ROBOT, "mocap": mocap, "sensors": sensors, "truth": truth}
+
+
+def _lidar(spec, args):
+    columns, rings = spec.scans.steps_deg
+    return {
+        "azimuth_step_deg": round(columns, DECIMALS),
+        "elevation_step_deg": round(rings, DECIMALS),
+        "azimuth_deg": [-spec.sector_deg, spec.sector_deg],
+        "range_sigma_m": max(args.range_noise_m, RANGE_FLOOR_M),
     }
-    sensors = {
-        "velodyne": {"kind": "lidar", **common["velodyne"], **velodyne},
-        "camera": {"kind": "camera", **common["camera"], **pinhole},
-    }
-    return {"body": record.ROBOT, "mocap": mocap, "sensors": sensors}
+
+
+def _camera(spec):
+    params = [float(p) for p in spec.params]
+    return {"model": spec.model, "size_px": list(spec.size_px), "params": params}
 
 
 def written_pose(T):
@@ -62,16 +77,16 @@ def target_config(name, args):
     return spec
 
 
-def write_config(folder, session, guesses):
-    """Write config.yaml, rigs/sim.yaml and targets/*.yaml below folder."""
-    files = {
-        "config.yaml": {"sessions": {"sim": {"rig": "sim", "log": LOG}}},
-        "rigs/sim.yaml": rig_config(session, guesses),
-    }
-    for name in session.mounts:
-        files[f"targets/{name}.yaml"] = target_config(name, session.args)
-    for name, content in files.items():
-        path = folder / name
+def write_config(folder, name, sessions, guesses):
+    """Write config.yaml, rigs/<name>.yaml and targets/*.yaml below folder."""
+    rig, args, targets = sessions[0].rig, sessions[0].args, sessions[0].mounts
+    logs = {s.name: {"rig": name, "log": log_path(s.name)} for s in sessions}
+    files = {"config.yaml": {"sessions": logs}}
+    files[f"rigs/{name}.yaml"] = rig_config(rig, guesses, args)
+    for target in targets:
+        files[f"targets/{target}.yaml"] = target_config(target, args)
+    for path, content in files.items():
+        path = folder / path
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(yaml.dump(content, Dumper=_Plain, sort_keys=False, default_flow_style=None))
 
@@ -83,24 +98,37 @@ class _Plain(yaml.SafeDumper):
         return True
 
 
-def truth(session, guesses):
-    """All that was drawn, as JSON types, with the arguments."""
-    rig = session.rig
+def truth(sessions, guesses):
+    """All that was drawn, as JSON types, with the arguments.
+
+    Placements and swaps stand at the top of a single session's truth, below `sessions` otherwise.
+    """
+    rig, args, targets = sessions[0].rig, sessions[0].args, sessions[0].mounts
+    drawn = {session.name: _session(session) for session in sessions}
     return {
-        "arguments": {k: v for k, v in sorted(vars(session.args).items()) if k != "out"},
+        "arguments": {k: v for k, v in sorted(vars(args).items()) if k != "out"},
         "sensors": {
-            name: {"T_robot_sensor": full_pose(T), "guess": full_pose(guesses[name])}
+            name: {
+                "T_robot_sensor": full_pose(T),
+                "guess": full_pose(guesses[name]),
+                **({} if name in rig.cameras else {"beam_bias_m": _floats(rig.beam_bias[name])}),
+            }
             for name, T in rig.sensors.items()
         },
-        "camera": {
-            "model": rig.camera.model,
-            "params": list(rig.camera.params),
-            "size_px": list(rig.camera.size),
-        },
-        "time_offset_s": session.args.mcs_late_s,
-        "targets": {name: {"T_body_target": full_pose(T)} for name, T in session.mounts.items()},
-        "placements": [_placement(session, k) for k in range(len(session.times))],
+        "cameras": {name: _camera(rig.specs[name]) for name in rig.cameras},
+        "time_offset_s": args.mcs_late_s,
+        "targets": {name: {"T_body_target": full_pose(T)} for name, T in targets.items()},
+        **({"sessions": drawn} if len(drawn) > 1 else drawn[sessions[0].name]),
     }
+
+
+def _session(session):
+    swaps = [
+        {"start_ns": start, "end_ns": end, "bodies": list(pair)}
+        for start, end, pair in session.swaps
+    ]
+    placements = [_placement(session, k) for k in range(len(session.times))]
+    return {"placements": placements, "label_swaps": swaps}
 
 
 def _placement(session, k):
@@ -121,9 +149,9 @@ def _placement(session, k):
     }
 
 
-def write_truth(path, session, guesses):
+def write_truth(path, sessions, guesses):
     """Write truth.json."""
-    path.write_text(json.dumps(truth(session, guesses), indent=1) + "\n")
+    path.write_text(json.dumps(truth(sessions, guesses), indent=1) + "\n")
 
 
 def full_pose(T):
@@ -132,7 +160,7 @@ def full_pose(T):
 
 
 def _sigma(xyz_m, rpy_deg, scale=1.0):
-    return {"xyz_m": round(float(xyz_m * scale), 6), "rpy_deg": round(float(rpy_deg * scale), 6)}
+    return {"xyz_m": float(f"{xyz_m * scale:.5g}"), "rpy_deg": float(f"{rpy_deg * scale:.5g}")}
 
 
 def _floats(values, decimals=None):

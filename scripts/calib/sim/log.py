@@ -1,15 +1,18 @@
 """ROS 2 messages and the MCAP file that holds them, the same bytes for the same messages."""
 
+import numpy as np
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from calib.geometry import to_quat
-from calib.sim.lidar import POINT
+from calib.sim import drivers, exposure
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 CHUNK_BYTES = 1_000_000
 TF, CLOUD, IMAGE = "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image"
-NUMPY_TO_FIELD = {"uint16": 4, "float32": 7}
+COMPRESSED, INFO = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
+NUMPY_TO_FIELD = {"uint8": 2, "uint16": 4, "uint32": 6, "float32": 7, "float64": 8}
+DISTORTION = {"radtan": ("plumb_bob", 5), "kannala_brandt": ("equidistant", 4)}  # name, numbers
 
 
 def _make(name, /, **fields):
@@ -23,9 +26,9 @@ def _header(t, frame):
 
 def transforms(t, parent, T_parent_child):
     """TFMessage of the poses T_parent_child (4, 4) by child frame, all stamped t, ns."""
-    items = []
-    for child, T in T_parent_child.items():
-        x, y, z, w = (float(c) for c in to_quat(T))
+    items, quats = [], to_quat(np.stack(list(T_parent_child.values())))
+    for (child, T), quat in zip(T_parent_child.items(), quats, strict=True):
+        x, y, z, w = (float(c) for c in quat)
         xyz = dict(zip("xyz", (float(c) for c in T[:3, 3]), strict=True))
         transform = _make(
             "geometry_msgs/msg/Transform",
@@ -43,44 +46,83 @@ def transforms(t, parent, T_parent_child):
     return _make(TF, transforms=items)
 
 
-def cloud(t, frame, points):
-    """PointCloud2 of points (POINT), stamped t, ns: the time of the first column."""
+def cloud(t, frame, driver, echoes):
+    """PointCloud2 of a driver (drivers.DRIVERS), stamped t, ns: the time of the first column."""
+    points = drivers.points(driver, echoes)
+    layout, (height, width) = points.dtype, points.shape
     fields = [
         _make(
             "sensor_msgs/msg/PointField",
             name=name,
-            offset=POINT.fields[name][1],
-            datatype=NUMPY_TO_FIELD[POINT[name].name],
+            offset=layout.fields[name][1],
+            datatype=NUMPY_TO_FIELD[layout[name].name],
             count=1,
         )
-        for name in POINT.names
+        for name in layout.names
     ]
-    data = points.view("u1").reshape(-1)
     return _make(
         CLOUD,
         header=_header(t, frame),
-        height=1,
-        width=len(points),
+        height=height,
+        width=width,
         fields=fields,
         is_bigendian=False,
-        point_step=POINT.itemsize,
-        row_step=len(data),
-        data=data,
+        point_step=layout.itemsize,
+        row_step=width * layout.itemsize,
+        data=points.reshape(-1).view("u1"),
         is_dense=True,
     )
 
 
-def image(t, frame, pixels, encoding):
-    """Image of pixels (height, width[, channels]) uint8, stamped t, ns: the instant of exposure."""
-    return _make(
+def image(t, frame, spec, pixels):
+    """(topic, type, message) of pixels (height, width[, channels]) uint8 in the encoding of a
+    rigs.Camera; t, ns, is the middle of the exposure."""
+    if spec.compressed:
+        data = exposure.compress(pixels, spec.encoding)
+        what = f"bgr8; {spec.encoding} compressed bgr8"
+        message = _make(COMPRESSED, header=_header(t, frame), format=what, data=data)
+        return f"{spec.topic}/compressed", COMPRESSED, message
+    message = _make(
         IMAGE,
         header=_header(t, frame),
         height=pixels.shape[0],
         width=pixels.shape[1],
-        encoding=encoding,
+        encoding=spec.encoding,
         is_bigendian=0,
         step=pixels[0].nbytes,
         data=pixels.reshape(-1),
+    )
+    return spec.topic, IMAGE, message
+
+
+def camera_info(camera):
+    """A function of t, ns, and frame that makes the CameraInfo of a Camera; None where ROS has no
+    name for the model."""
+    if camera.model not in DISTORTION:
+        return None
+    model, count = DISTORTION[camera.model]
+    fx, fy, cx, cy, *d = camera.params
+    K = np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0])
+    P = np.array([fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1.0, 0])
+    region = _make(
+        "sensor_msgs/msg/RegionOfInterest",
+        **dict.fromkeys(("x_offset", "y_offset", "height", "width"), 0),
+        do_rectify=False,
+    )
+    width, height = camera.size
+    return lambda t, frame: _make(
+        INFO,
+        header=_header(t, frame),
+        height=height,
+        width=width,
+        distortion_model=model,
+        d=np.array(d[:count]),
+        k=K,
+        r=np.eye(3).ravel(),
+        p=P,
+        binning_x=0,
+        binning_y=0,
+        roi=region,
     )
 
 

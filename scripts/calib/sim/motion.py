@@ -7,9 +7,10 @@ from calib.geometry import pose, so3_exp, so3_log
 START_NS = 1_700_000_000_000_000_000
 
 
-def placement_times(count, hold_s, move_s):
-    """Start and end (count, 2) of the placements, int64 ns."""
-    start = START_NS + np.arange(count) * round((hold_s + move_s) * 1e9)
+def placement_times(slots, hold_s, move_s):
+    """Start and end (n, 2) of placements, int64 ns, that begin in the slots (n,) of time, each as
+    long as a placement and a move."""
+    start = START_NS + np.asarray(slots, np.int64) * round((hold_s + move_s) * 1e9)
     return np.stack([start, start + round(hold_s * 1e9)], -1)
 
 
@@ -27,22 +28,40 @@ def blend(t, times):
     return k, s**3 * (10 - 15 * s + 6 * s * s)
 
 
-def poses_at(t, times, knots):
+def straight(p0, p1, s):
+    """Points (n, 3) at the fractions s (n, 1) of the way."""
+    return p0 + s * (p1 - p0)
+
+
+def around(p0, p1, s):
+    """Points (n, 3) at the fractions s (n, 1) of the shorter way around the z axis: a target that
+    goes from the front to the rear is carried around the robot."""
+    (r0, a0), (r1, a1) = (_polar(p) for p in (p0, p1))
+    turn = (a1 - a0 + np.pi) % (2 * np.pi) - np.pi
+    r, a = r0 + s * (r1 - r0), a0 + s * turn
+    return np.concatenate([r * np.cos(a), r * np.sin(a), straight(p0, p1, s)[:, 2:]], axis=1)
+
+
+def _polar(p):
+    return np.hypot(p[:, :1], p[:, 1:2]), np.arctan2(p[:, 1:2], p[:, :1])
+
+
+def poses_at(t, times, knots, path=straight):
     """Poses (n, 4, 4) at t (n,), ns, of a body that rests at knots (count, 4, 4)."""
     k, s = blend(t, times)
     following = np.minimum(k + 1, len(knots) - 1)
     out = knots[k].copy()
     moving = s > 0
     if moving.any():
-        out[moving] = between(knots[k[moving]], knots[following[moving]], s[moving])
+        out[moving] = between(knots[k[moving]], knots[following[moving]], s[moving], path)
     return out
 
 
-def between(T0, T1, s):
-    """Poses (n, 4, 4) at the fractions s (n,): straight in position, geodesic in rotation."""
+def between(T0, T1, s, path=straight):
+    """Poses (n, 4, 4) at the fractions s (n,): along the path in position, geodesic in rotation."""
     turn = so3_log(np.swapaxes(T0[..., :3, :3], -1, -2) @ T1[..., :3, :3])
     R = T0[..., :3, :3] @ so3_exp(s[..., None] * turn)
-    return pose(R, T0[..., :3, 3] + s[..., None] * (T1[..., :3, 3] - T0[..., :3, 3]))
+    return pose(R, path(T0[..., :3, 3], T1[..., :3, 3], s[..., None]))
 
 
 def values_at(t, times, knots):

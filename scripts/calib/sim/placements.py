@@ -1,69 +1,51 @@
-"""The rig, and placements of robot and targets in which every target is seen as it should be."""
+"""Placements of robot and targets in which every target is seen as it should be."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from calib.cameras import Camera
 from calib.geometry import angle, from_rpy, inverse, pose, so3_exp, transform
-from calib.sim import lidar as lidars
+from calib.sim import patterns
 from calib.sim import scene as scenes
 
-NOMINAL = {  # T_robot_sensor: xyz, m, and roll, pitch, yaw, deg; the true one is drawn about it
-    "velodyne": ((0.15, 0.0, 0.60), (0.0, 0.0, 2.0)),
-    "camera": ((0.25, -0.10, 0.45), (-90.0, 0.0, -90.0)),
-}
-MOUNT_M, MOUNT_DEG = 0.02, 3.0  # largest deviation per axis of a true mount from the nominal one
-IMAGE_SIZE, INTRINSICS = (900, 700), (802.3, 801.1, 452.6, 347.9)
 ROBOT_HEIGHT_M = 0.35
 CLEAR_M = 0.6  # between the spheres about two targets
-COLUMNS_STEP = np.deg2rad(1.0)  # of the coarse scan that tells whether a target is in view
+BORDER_PX = 12  # that a camera keeps free around a target
 LEANS = ((75, 90), (0, 15), (30, 60))  # elevation of a cylinder's axis, deg: upright, flat, oblique
+CAMERA_FORWARD = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])  # from forward, left, up
 
 
-class Rig(NamedTuple):
-    """T_robot_sensor (4, 4) by sensor, and the camera."""
+class Drawn(NamedTuple):
+    """T_world_body (n, 4, 4) of robot and targets by name, and the kind (n,) of each placement."""
 
-    sensors: dict
-    camera: Camera
+    knots: dict
+    kind: np.ndarray
 
-
-def draw_rig(rng, distortion):
-    """Rig with its mounts drawn and a radtan camera of that distortion (k1, k2, p1, p2)."""
-    sensors = {}
-    for name, (xyz, rpy) in NOMINAL.items():
-        nominal = from_rpy(xyz, np.deg2rad(rpy))
-        shift, turn = rng.uniform(-1, 1, (2, 3))
-        sensors[name] = (
-            pose(t=MOUNT_M * shift) @ nominal @ pose(so3_exp(np.deg2rad(MOUNT_DEG) * turn))
-        )
-    return Rig(sensors, Camera("radtan", (*INTRINSICS, *distortion), IMAGE_SIZE))
+    @property
+    def slots(self):
+        """Slots (n,) of time: one is left out where the kind changes and the way is long."""
+        return np.arange(len(self.kind)) + np.cumsum(np.diff(self.kind, prepend=self.kind[0]) != 0)
 
 
-def perturb(rng, T, error_m, error_deg):
-    """T_a_b with a shift uniform within ±error_m along each axis of a, and a rotation vector
-    uniform within ±error_deg along each axis of b."""
-    shift, turn = rng.uniform(-1, 1, (2, 3))
-    return pose(t=error_m * shift) @ T @ pose(so3_exp(np.deg2rad(error_deg) * turn))
+def draw(rng, scene, built, kinds, count):
+    """Drawn placements: kind after kind, those of one in an order of small steps."""
+    drawn = [_draw_one(rng, scene, built, kinds, k) for k in range(count)]
+    kind = np.arange(count) % len(kinds)
+    order = _order(drawn, kind)
+    return Drawn(
+        {name: np.stack([drawn[k][name] for k in order]) for name in drawn[0]}, kind[order]
+    )
 
 
-def draw(rng, scene, rig, targets, count):
-    """T_world_body (count, 4, 4) of robot and targets, by name, in an order of small steps."""
-    drawn = [_draw_one(rng, scene, rig, targets, k) for k in range(count)]
-    order = _order(drawn)
-    return {name: np.stack([drawn[k][name] for k in order]) for name in ("robot", *targets)}
-
-
-def _draw_one(rng, scene, rig, targets, k):
+def _draw_one(rng, scene, built, kinds, k):
+    spots, lean = kinds[k % len(kinds)], LEANS[k // len(kinds) % len(LEANS)]
     for _ in range(2000):
         T = {"robot": _draw_robot(rng)}
-        for name in targets:
-            T[name] = _draw_target(rng, T["robot"] @ rig.sensors["velodyne"], name, targets, k)
-        if _apart(scene, T, targets) and _in_view(scene, rig, T, targets):
+        for name, spot in spots.items():
+            T[name] = _draw_target(rng, T["robot"] @ _forward(built, spot.sensor), name, spot, lean)
+        if _apart(scene, T, list(spots)) and _in_view(scene, built, T, spots):
             return T
-    raise ValueError(
-        f"no placement {k} of {', '.join(targets)} in view of all sensors in 2000 draws"
-    )
+    raise ValueError(f"no placement {k} of {', '.join(spots)} as wanted in 2000 draws")
 
 
 def _draw_robot(rng):
@@ -71,19 +53,21 @@ def _draw_robot(rng):
     return from_rpy(xyz, np.deg2rad(rng.uniform([-1, -1, -5], [1, 1, 5])))
 
 
-def _draw_target(rng, T_world_lidar, name, targets, k):
-    """T_world_target: the board ahead, the cylinder to the left of it or, alone, ahead."""
-    if name == "board":
-        azimuth, distance = rng.uniform(-12, 12), rng.uniform(1.4, 3.2)
-    else:
-        azimuth = rng.uniform(*((25, 70) if "board" in targets else (-18, 18)))
-        distance = rng.uniform(1.4, 2.4)
-    azimuth, elevation = np.deg2rad([azimuth, rng.uniform(-4, 4)])
+def _forward(built, sensor):
+    """T_robot_sensor (4, 4) with axes forward, left, up."""
+    T = built.sensors[sensor]
+    return T @ pose(CAMERA_FORWARD) if sensor in built.cameras else T
+
+
+def _draw_target(rng, T_world_forward, name, spot, lean):
+    """T_world_target at a spot; a board faces the sensor, a cylinder's axis rises by lean, deg."""
+    azimuth, distance = rng.uniform(*spot.azimuth_deg), rng.uniform(*spot.distance_m)
+    azimuth, elevation = np.deg2rad([azimuth, rng.uniform(*spot.elevation_deg)])
     flat = np.cos(elevation)
     ray = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
-    sight = T_world_lidar[:3, :3] @ ray
-    R = _facing(rng, sight) if name == "board" else _leaning(rng, sight, LEANS[k % len(LEANS)])
-    return pose(R, transform(T_world_lidar, distance * ray))
+    sight = T_world_forward[:3, :3] @ ray
+    R = _facing(rng, sight) if name == "board" else _leaning(rng, sight, lean)
+    return pose(R, transform(T_world_forward, distance * ray))
 
 
 def _facing(rng, sight):
@@ -121,17 +105,27 @@ def _apart(scene, T, targets):
     )
 
 
-def _in_view(scene, rig, T, targets):
-    T_world_surfaces = scenes.poses({name: T[name] for name in targets})
-    T_world_lidar, T_world_camera = (T["robot"] @ rig.sensors[s] for s in ("velodyne", "camera"))
+def _in_view(scene, built, T, spots):
+    surfaces = scenes.poses({name: T[name] for name in spots})
     return all(
-        _lidar_sees(scene, T_world_surfaces, T_world_lidar, name) for name in targets
-    ) and _camera_sees(scene, rig.camera, T_world_surfaces, T_world_camera, targets[0])
+        sees(scene, built, surfaces, T["robot"], sensor, name)
+        for name, spot in spots.items()
+        for sensor in spot.seen_by
+    )
 
 
-def _lidar_sees(scene, T_world_surfaces, T_world_lidar, name):
-    """Whether 8 rings meet the board, 3 the cylinder, and nothing stands before it."""
-    beams = lidars.pattern(np.deg2rad(100), COLUMNS_STEP).beams.reshape(-1, 16, 3)
+def sees(scene, built, T_world_surfaces, T_world_robot, sensor, name):
+    """Whether a sensor sees a target well."""
+    T_world_sensor = T_world_robot @ built.sensors[sensor]
+    if sensor in built.cameras:
+        model = built.cameras[sensor]
+        return _camera_sees(scene, model, T_world_surfaces, T_world_sensor, name)
+    return _lidar_sees(scene, built.specs[sensor], T_world_surfaces, T_world_sensor, name)
+
+
+def _lidar_sees(scene, spec, T_world_surfaces, T_world_lidar, name):
+    """Whether 8 rings 2° apart meet the board, 3 the cylinder, and nothing stands before it."""
+    beams = patterns.coarse(spec.scans, np.deg2rad(spec.sector_deg))
     target = scenes.index(scene, name)
     pose_pair = (T_world_surfaces, T_world_lidar)
     alone = np.isfinite(scenes.cast(scene, *pose_pair, beams, [target])[0])
@@ -141,36 +135,27 @@ def _lidar_sees(scene, T_world_surfaces, T_world_lidar, name):
 
 
 def _camera_sees(scene, camera, T_world_surfaces, T_world_camera, name):
-    """Whether the whole pattern, or axis, is in the image, unhidden, 12 px from its border."""
-    T_camera_world = inverse(T_world_camera)
-    p_camera = transform(T_camera_world @ T_world_surfaces[name], _marks(name))
+    """Whether the whole pattern, or cylinder, is in the image and what faces it is not hidden."""
+    p, normal = scenes.marks(name)
+    T_camera_target = inverse(T_world_camera) @ T_world_surfaces[name]
+    p_camera = transform(T_camera_target, p)
     uv, ok = camera.project(p_camera)
-    if not np.all(ok & camera.in_image(uv, 12)):
+    if not np.all(ok & camera.in_image(uv, BORDER_PX)):
         return False
-    label = scenes.cast(scene, T_world_surfaces, T_world_camera, p_camera)[1]
+    facing = np.sum(normal @ T_camera_target[:3, :3].T * p_camera, axis=1)
+    rays = p_camera[facing < -0.2 * np.linalg.norm(p_camera, axis=1)]
+    label = scenes.cast(scene, T_world_surfaces, T_world_camera, rays)[1]
     return np.all(scene.surface[label] == scenes.index(scene, name))
 
 
-def _marks(name):
-    """Points (n, 3) of the target that the camera must see: corners of squares, or the axis."""
-    spec = scenes.TARGETS[name]
-    if name != "board":
-        return np.linspace(-0.5, 0.5, 9)[:, None] * [spec["length_m"], 0, 0]
-    pattern = spec["pattern"]
-    x, y = (
-        low + pattern["square_m"] * np.arange(-1, n + 1)
-        for low, n in zip(pattern["first_corner_m"], pattern["inner_corners"], strict=True)
-    )
-    x, y = np.meshgrid(x, y)
-    return np.stack([x, y, np.zeros_like(x)], -1).reshape(-1, 3)
-
-
-def _order(drawn):
-    """Order that goes from each placement to the nearest of those left: motions are slow."""
-    left, order = list(range(1, len(drawn))), [0]
+def _order(drawn, kind):
+    """Order kind by kind, each time to the nearest placement of those left: motions are slow."""
+    left, order = set(range(1, len(drawn))), [0]
     while left:
-        last = drawn[order[-1]]
-        order.append(min(left, key=lambda k: _effort(last, drawn[k])))
+        last = order[-1]
+        near = [k for k in left if kind[k] == kind[last]]
+        near = near or [k for k in left if kind[k] == min(kind[i] for i in left)]
+        order.append(min(near, key=lambda k: (_effort(drawn[last], drawn[k]), k)))
         left.remove(order[-1])
     return order
 

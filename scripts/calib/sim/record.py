@@ -1,112 +1,140 @@
-"""What motion capture, lidar and camera put into the log, in order of log time."""
+"""What motion capture, lidars and cameras put into the log, in order of log time."""
 
 from heapq import merge
 from typing import NamedTuple
 
 import numpy as np
 
-from calib.geometry import inverse, se3_exp
 from calib.sim import camera as cameras
-from calib.sim import lidar as lidars
-from calib.sim import log, motion
+from calib.sim import exposure, lidar, log, mocap, motion, mounts, patterns
 from calib.sim import scene as scenes
 
 MAP, ROBOT = "mocap/world", "mocap/robot"
-TOPICS = {"velodyne": "/velodyne_points", "camera": "/camera/image_raw"}
-MCS_NS, MARGIN_NS = 10_000_000, 100_000_000  # period; how much earlier and later than all else
-LIDAR_START_NS, CAMERA_START_NS = 3_000_000, 20_000_000
-MOCAP_STREAM, LIDAR_STREAM, CAMERA_STREAM = 10, 11, 12  # of random numbers, one per kind of message
+MARGIN_NS = 100_000_000  # by which motion capture starts earlier and ends later than all else
+MOCAP, LIDAR, CAMERA, LOSSES = 10, 11, 12, 13  # streams of random numbers
 
 
 class Session(NamedTuple):
     """What a log is made of: times (n, 2) of the placements, ns; T_world_body (n, 4, 4) there of
-    robot and targets; T_body_target by target; bias (n, 6) of the MCS by body; the arguments."""
+    robot and targets; T_body_target by target; bias (n, 6) of the MCS by body; swaps of names
+    (mocap.draw_swaps); the arguments. `number` is that of the session."""
 
+    name: str
+    number: int
     scene: scenes.Scene
-    rig: object
+    rig: mounts.Built
     times: np.ndarray
     knots: dict
     mounts: dict
     biases: dict
+    swaps: list
     args: object
+
+    def T_world(self, name, t):
+        """True poses (n, 4, 4) of the robot or of a target at t (n,), ns."""
+        path = motion.around if name in self.mounts else motion.straight
+        return motion.poses_at(t, self.times, self.knots[name], path)
+
+    def surfaces(self, t):
+        """T_world_surface (n, 4, 4) by name at t (n,), ns."""
+        return scenes.poses({name: self.T_world(name, t) for name in self.mounts})
+
+    def bodies(self):
+        """Names of robot and targets by MCS body."""
+        return {ROBOT: "robot", **{scenes.TARGETS[k]["body"]: k for k in self.mounts}}
+
+    def rng(self, stream, *numbers):
+        """Random numbers of one stream of this session."""
+        numbers = (*numbers, 0, 0)[:2]
+        return np.random.default_rng([self.args.seed, stream, *numbers, self.number])
+
+
+def span(times):
+    """First and last time, ns, of motion capture around placements (n, 2)."""
+    return int(times[0, 0]) - MARGIN_NS, int(times[-1, 1]) + MARGIN_NS
 
 
 def messages(session):
     """(log time in ns, topic, type, message) of the whole session, sorted by log time."""
-    return merge(_mocap(session), _clouds(session), _images(session), key=lambda m: m[0])
+    lidars = [clouds(session, name, i) for i, name in enumerate(session.rig.lidars())]
+    pictures = [images(session, name, i) for i, name in enumerate(session.rig.cameras)]
+    return merge(transforms(session), *lidars, *pictures, key=lambda m: m[0])
 
 
-def T_world(session, name, t):
-    """True poses (n, 4, 4) of the robot or of a target at t (n,), ns."""
-    return motion.poses_at(t, session.times, session.knots[name])
+def transforms(session):
+    """Messages of motion capture."""
+    rng, args = session.rng(MOCAP), session.args
+    start, end = span(session.times)
+    t = np.arange(start, end + 1, mocap.PERIOD_NS)
+    names = session.bodies()
+    poses = {body: mocap.measured(session, rng, name, t) for body, name in names.items()}
+    poses = mocap.swapped(poses, t, session.swaps)
+    late = t + round(args.mcs_late_s * 1e9)
+    log_times = late + 4_000_000 + rng.integers(0, 2_000_000, len(t))
+    rng = session.rng(LOSSES)
+    lost = {body: mocap.lost(rng, len(t), args.mcs_dropout) for body in names}
+    for i, (stamp, log_t) in enumerate(zip(late, log_times, strict=True)):
+        seen = {body: T[i] for body, T in poses.items() if not lost[body][i]}
+        if seen:
+            yield log_t, "/tf", log.TF, log.transforms(stamp, MAP, seen)
 
 
-def surfaces_at(session, t):
-    """T_world_surface (n, 4, 4) by name at t (n,), ns."""
-    return scenes.poses({name: T_world(session, name, t) for name in session.mounts})
-
-
-def measured(session, rng, name, t):
-    """Poses (n, 4, 4) that the MCS reports at t (n,), ns: with bias and white noise along the axes
-    of the body."""
-    T = T_world(session, name, t)
-    if name in session.mounts:
-        T = T @ inverse(session.mounts[name])
-    bias = motion.values_at(t, session.times, session.biases[name])
-    args = session.args
-    sigma = np.repeat([args.mcs_noise_m, np.deg2rad(args.mcs_noise_deg)], 3)
-    return T @ se3_exp(bias) @ se3_exp(sigma * rng.standard_normal((len(t), 6)))
-
-
-def _mocap(session):
-    rng = np.random.default_rng([session.args.seed, MOCAP_STREAM])
-    start, end = session.times[0, 0] - MARGIN_NS, session.times[-1, 1] + MARGIN_NS
-    t = np.arange(start, end + 1, MCS_NS)
-    bodies = {ROBOT: "robot", **{scenes.TARGETS[k]["body"]: k for k in session.mounts}}
-    poses = {body: measured(session, rng, name, t) for body, name in bodies.items()}
-    stamps = t + round(session.args.mcs_late_s * 1e9)
-    log_times = stamps + 4_000_000 + rng.integers(0, 2_000_000, len(t))
-    for i, (stamp, log_t) in enumerate(zip(stamps, log_times, strict=True)):
-        message = log.transforms(stamp, MAP, {body: T[i] for body, T in poses.items()})
-        yield log_t, "/tf", log.TF, message
-
-
-def _clouds(session):
-    args = session.args
-    firing = lidars.pattern(np.deg2rad(args.sector_deg))
-    last = session.times[-1, 1] - firing.after[-1]
-    for i, t in enumerate(range(session.times[0, 0] + LIDAR_START_NS, last, lidars.TURN_NS)):
-        rng = np.random.default_rng([args.seed, LIDAR_STREAM, i])
+def clouds(session, name, number):
+    """Messages of a lidar; number: which of the lidars it is."""
+    spec, args = session.rig.specs[name], session.args
+    sector, first = np.deg2rad(spec.sector_deg), int(session.times[0, 0]) + _ns(spec.start_s)
+    last = session.times[-1, 1] - spec.scans.firing(sector, 0).after[-1]
+    for i, t in enumerate(range(first, last, patterns.TURN_NS)):
+        rng = session.rng(LIDAR, i, number)
+        firing = spec.scans.firing(sector, i)
         when = t + firing.after
-        T_world_lidar = T_world(session, "robot", when) @ session.rig.sensors["velodyne"]
-        surfaces = surfaces_at(session, when)
-        points = lidars.scan(
-            session.scene, surfaces, T_world_lidar, firing, args.range_noise_m, rng
+        T_world_lidar = session.T_world("robot", when) @ session.rig.sensors[name]
+        echoes = lidar.scan(
+            *(session.scene, session.surfaces(when), T_world_lidar, firing, t, rng),
+            noise=args.range_noise_m,
+            bias=session.rig.beam_bias[name],
+            spread=np.deg2rad(args.beam_divergence_deg),
         )
-        message = log.cloud(t, "velodyne", points)
-        log_t = t + lidars.TURN_NS + 2_000_000 + rng.integers(0, 1_000_000)
-        yield log_t, TOPICS["velodyne"], log.CLOUD, message
+        log_t = t + patterns.TURN_NS + 2_000_000 + rng.integers(0, 1_000_000)
+        yield log_t, spec.topic, log.CLOUD, log.cloud(t, name, spec.driver, echoes)
 
 
-def _images(session):
-    args = session.args
-    view = cameras.view(session.rig.camera)
-    start, end = session.times[0, 0] + CAMERA_START_NS, session.times[-1, 1]
-    at_rest = {}  # the image of a placement, unrounded
-    for i, t in enumerate(range(start, end, round(1e9 / args.camera_hz))):
-        rng = np.random.default_rng([args.seed, CAMERA_STREAM, i])
-        k, way = (v[0] for v in motion.blend(np.array([t]), session.times))
-        if not way and k not in at_rest:
-            at_rest = {k: image_at(session, view, t, cameras.FINE)}
-        exact = image_at(session, view, t, cameras.COARSE) if way else at_rest[k]
-        pixels = cameras.expose(exact, args.encoding, args.image_noise, rng)
+def images(session, name, number):
+    """Messages of a camera, with a CameraInfo each where there is one; number: which of them."""
+    spec, camera, args = session.rig.specs[name], session.rig.cameras[name], session.args
+    view = cameras.view(camera)
+    shutter = exposure.Shutter(
+        lambda t, points: image_at(session, name, view, t, points),
+        *(session.times, args.exposure_s, args.blur_px),
+    )
+    info = log.camera_info(camera)
+    for i, t in enumerate(stamps(session, spec)):
+        rng = session.rng(CAMERA, i, number)
+        pixels = exposure.expose(shutter.open(t), spec.encoding, args.image_noise, rng)
         log_t = t + 20_000_000 + rng.integers(0, 5_000_000)
-        message = log.image(t, "camera", pixels, args.encoding)
-        yield log_t, TOPICS["camera"], log.IMAGE, message
+        yield log_t, *log.image(t, name, spec, pixels)
+        if info:
+            yield log_t, namespace(spec.topic) + "/camera_info", log.INFO, info(t, name)
 
 
-def image_at(session, view, t, points):
+def stamps(session, spec):
+    """Stamps of the images of a rigs.Camera, ns."""
+    start, end = int(session.times[0, 0]) + _ns(spec.start_s), int(session.times[-1, 1])
+    return range(start, end, _ns(1 / spec.hz))
+
+
+def namespace(topic):
+    """A topic without its last part."""
+    return topic.rsplit("/", 1)[0]
+
+
+def image_at(session, name, view, t, points):
     """Unrounded image (height, width, 3) at t, ns, with so many points per pixel at targets."""
-    T_surfaces = {k: T.reshape(-1, 4, 4)[0] for k, T in surfaces_at(session, np.array([t])).items()}
-    T_world_camera = T_world(session, "robot", np.array([t]))[0] @ session.rig.sensors["camera"]
+    when = np.array([t])
+    T_surfaces = {k: T.reshape(-1, 4, 4)[0] for k, T in session.surfaces(when).items()}
+    T_world_camera = session.T_world("robot", when)[0] @ session.rig.sensors[name]
     return cameras.render(view, session.scene, T_surfaces, T_world_camera, points)
+
+
+def _ns(seconds):
+    return round(seconds * 1e9)

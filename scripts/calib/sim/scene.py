@@ -1,7 +1,6 @@
 """The room, the targets and their stands as surfaces that rays meet exactly.
 
-A surface lives in its own frame. A ray is o + t d there; the functions of KINDS take o and d (3, n)
-and return t (n,), infinite or NaN for a miss, and the face met (n,). Nothing is tessellated.
+A surface lives in its own frame (shapes.py); nothing is tessellated.
 A label numbers one face of one surface: squares of a checkerboard are faces, and its grid lines
 run on across the margin, so that within a board every border between two labels is a whole line.
 """
@@ -11,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.geometry import inverse, pose, transform
+from calib.sim.shapes import KINDS
 
 WHITE, BLACK, GREEN, METAL = (200, 200, 200), (40, 40, 40), (60, 160, 50), (90, 90, 90)
 TARGETS = {
@@ -35,7 +35,6 @@ TARGETS = {
     },
 }
 ROOM = (6.0, 6.0, 4.0, 1.6)  # half sizes along x and y, ceiling, height of the walls, m
-SKY = 3  # face of the room above its walls: no return
 BOXES = {  # centre and half sizes, m, BGR; 5.1 m or more from the origin, where no target comes
     "crate": ((5.4, 1.3, 0.4), (0.3, 0.4, 0.4), (50, 60, 140)),
     "shelf": ((5.5, -1.6, 0.6), (0.3, 0.5, 0.6), (130, 80, 60)),
@@ -67,11 +66,14 @@ class Scene(NamedTuple):
     surface: np.ndarray
 
 
-def build(targets):
-    """Scene of the room with the targets of TARGETS so named and their stands."""
+def build(targets, scale=1.0):
+    """Scene of the room with the targets of TARGETS so named and their stands.
+
+    scale: built size of the targets over the size that TARGETS states.
+    """
     surfaces = [_room(), *(_box(name) for name in BOXES)]
     for name in targets:
-        surfaces += _target(name)
+        surfaces += _target(name, scale)
     faces = [len(s.colors) for s in surfaces]
     return Scene(
         tuple(surfaces),
@@ -104,28 +106,28 @@ def _rod(name, length, radius):
     return Surface(name, "cylinder", size, np.tile(METAL, (3, 1)), reach, np.zeros((0, 3)))
 
 
-def _target(name):
+def _target(name, scale):
     spec = TARGETS[name]
     if spec["shape"] == "board":
-        outline = np.array(spec["outline_m"])
+        outline = scale * np.array(spec["outline_m"])
         flat = np.column_stack([outline, np.zeros(len(outline))])
         reach = np.linalg.norm(outline, axis=1).max()
-        board = Surface(name, "board", _board_size(spec), _board_colors(spec), reach, flat)
+        board = Surface(name, "board", _board_size(spec, scale), _board_colors(spec), reach, flat)
         return [board, _rod("board_arm", ARM_M, 0.015), _rod("board_pole", POLE_M, 0.02)]
-    size = (spec["length_m"], spec["radius_m"])
+    size = (scale * spec["length_m"], scale * spec["radius_m"])
     reach = np.hypot(size[0] / 2, size[1])
     colors = np.tile(GREEN, (3, 1))
     body = Surface(name, "cylinder", size, colors, reach, np.zeros((0, 3)))
     return [body, _rod("cylinder_rod", ROD_M, 0.015), _rod("cylinder_pole", POLE_M, 0.02)]
 
 
-def _board_size(spec):
+def _board_size(spec, scale):
     """Outline's half-planes n · (x, y) ≤ c, low corner of the squares, side, and their numbers."""
-    outline, pattern = np.array(spec["outline_m"]), spec["pattern"]
+    outline, pattern = scale * np.array(spec["outline_m"]), spec["pattern"]
     along = np.roll(outline, -1, axis=0) - outline
     normals = np.column_stack([along[:, 1], -along[:, 0]])
-    square = pattern["square_m"]
-    low = tuple(c - square for c in pattern["first_corner_m"])
+    square = scale * pattern["square_m"]
+    low = tuple(scale * c - square for c in pattern["first_corner_m"])
     count = tuple(c + 1 for c in pattern["inner_corners"])
     return normals, np.sum(normals * outline, axis=1), low, square, count
 
@@ -138,6 +140,24 @@ def _board_colors(spec):
     i, j = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
     colors[1:-1, 1:-1][(i + j) % 2 == first] = BLACK
     return np.concatenate([[METAL], colors.reshape(-1, 3)])
+
+
+def marks(name):
+    """Points (n, 3), target frame, m, that a camera must see, and the normals (n, 3) there: the
+    corners of a board's squares, or a cylinder's side up to its ends."""
+    spec = TARGETS[name]
+    if name != "board":
+        along = np.linspace(-0.49, 0.49, 9) * spec["length_m"]
+        x, a = (g.ravel() for g in np.meshgrid(along, np.deg2rad(np.arange(0, 360, 30))))
+        normal = np.stack([np.zeros_like(a), np.cos(a), np.sin(a)], -1)
+        return np.stack([x, *(spec["radius_m"] * normal[:, 1:].T)], -1), normal
+    pattern = spec["pattern"]
+    x, y = (
+        low + pattern["square_m"] * np.arange(-1, n + 1)
+        for low, n in zip(pattern["first_corner_m"], pattern["inner_corners"], strict=True)
+    )
+    x, y = (g.ravel() for g in np.meshgrid(x, y))
+    return np.stack([x, y, np.zeros_like(x)], -1), np.tile([0.0, 0.0, 1.0], (len(x), 1))
 
 
 def poses(T_world_targets):
@@ -216,7 +236,7 @@ def _local(T_surface_sensor, d):
     """Origins (3, 1 or n) and directions (3, n) of rays in the surface's frame."""
     R, o = T_surface_sensor[..., :3, :3], T_surface_sensor[..., :3, 3]
     if R.ndim == 2:
-        return o[:, None].repeat(d[..., 0].size, 1), R @ d.reshape(-1, 3).T
+        return np.broadcast_to(o[:, None], (3, d[..., 0].size)), R @ d.reshape(-1, 3).T
     rays = np.moveaxis(d @ np.swapaxes(R, -1, -2), -1, 0).reshape(3, -1)
     return np.repeat(np.moveaxis(o, -1, 0).reshape(3, -1), d.shape[-2], axis=1), rays
 
@@ -231,57 +251,3 @@ def _candidates(radius, o, d):
 
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@np.errstate(divide="ignore", invalid="ignore")
-def meet_board(size, o, d):
-    """A convex polygon in z = 0; face 0 is the back, the squares follow."""
-    normals, offsets, low, square, count = size
-    t = -o[2] / d[2]
-    x, y = o[0] + t * d[0], o[1] + t * d[1]
-    inside = np.ones(t.shape, bool)
-    for (nx, ny), offset in zip(normals, offsets, strict=True):
-        inside &= nx * x + ny * y <= offset
-    i = np.clip(np.floor((x - low[0]) / square), -1, count[0])
-    j = np.clip(np.floor((y - low[1]) / square), -1, count[1])
-    face = np.where(inside & (o[2] > 0), i * (count[1] + 2) + (j + count[1] + 4), 0)
-    return np.where(inside, t, np.inf), face.astype(np.int32)
-
-
-@np.errstate(divide="ignore", invalid="ignore")
-def meet_cylinder(size, o, d):
-    """A closed cylinder about x, centred; faces: side, cap at -x, cap at +x. o lies outside."""
-    half, radius = size[0] / 2, size[1]
-    a = d[1] * d[1] + d[2] * d[2]
-    b = o[1] * d[1] + o[2] * d[2]
-    c = o[1] * o[1] + o[2] * o[2] - radius**2
-    side = (-b - np.sqrt(b * b - a * c)) / a
-    on_side = np.abs(o[0] + side * d[0]) <= half
-    sign = -np.sign(d[0])
-    cap = (sign * half - o[0]) / d[0]
-    on_cap = (o[1] + cap * d[1]) ** 2 + (o[2] + cap * d[2]) ** 2 <= radius**2
-    t = np.where(on_side, side, np.where(on_cap, cap, np.inf))
-    return t, np.where(on_side, 0, np.where(sign < 0, 1, 2))
-
-
-@np.errstate(divide="ignore", invalid="ignore")
-def meet_box(half, o, d):
-    """A box about its origin, from outside; the face is the axis it is normal to."""
-    reach = np.sign(d) * np.reshape(half, (3, 1))
-    enter, leave = (-reach - o) / d, (reach - o) / d
-    near = np.max(enter, axis=0)
-    return np.where(near <= np.min(leave, axis=0), near, np.inf), np.argmax(enter, axis=0)
-
-
-@np.errstate(divide="ignore", invalid="ignore")
-def meet_room(size, o, d):
-    """The room from inside; faces: floor, walls normal to x, to y, what is above them."""
-    x, y, ceiling, wall = size
-    high, low = (np.reshape(side, (3, 1)) for side in ((x, y, ceiling), (-x, -y, 0.0)))
-    leave = np.where(d == 0, np.inf, (np.where(d > 0, high, low) - o) / d)
-    t = np.min(leave, axis=0)
-    above = o[2] + t * d[2] > wall
-    return t, np.where(above, SKY, np.array([1, 2, 0])[np.argmin(leave, axis=0)])
-
-
-KINDS = {"board": meet_board, "cylinder": meet_cylinder, "box": meet_box, "room": meet_room}

@@ -6,16 +6,20 @@ import numpy as np
 
 from calib.targets import patterns, polygon
 
+GRAZING = 1e-4  # cosine of incidence below which a beam is taken to run along the plane
+
 
 @dataclass(frozen=True)
 class Board:
-    """vertices (n, 2), m, of the outline; thickness, m; pattern or None."""
+    """vertices (n, 2), m, of the outline; thickness, m; pattern or None; points or None."""
 
     vertices: np.ndarray
     thickness: float
     pattern: object
+    points: object = None
 
     name = "board"
+    color = None
 
     @classmethod
     def from_config(cls, config):
@@ -53,8 +57,9 @@ class Board:
     def distance(self, x, y, z):
         return z
 
-    def normal(self, q):
-        return np.tile([0.0, 0.0, 1.0], (len(q), 1))
+    def gap(self, q, beam):
+        # Smoothly held away from zero, for beams along the plane.
+        return q[2] * -beam[2] / (beam[2] * beam[2] + GRAZING**2), -beam[2]
 
     def depth(self, q):
         return -polygon.signed_distance(self.vertices, q[:, :2])
@@ -63,6 +68,18 @@ class Board:
         direction = p - self.centre
         cosine = direction[2] / np.linalg.norm(direction)
         return cosine > 0, cosine
+
+    def image_points(self):
+        return np.zeros((0, 3)) if self.pattern is None else self.pattern.corners()
+
+    def template(self, spacing):
+        """A grid over the face, and the outline itself, so that it ends where the board does."""
+        low, high = self.vertices.min(0), self.vertices.max(0)
+        x, y = (np.arange(a, b, spacing) for a, b in zip(low, high, strict=True))
+        grid = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
+        inside = grid[polygon.signed_distance(self.vertices, grid) < -spacing / 2]
+        flat = np.concatenate([inside, polygon.along(self.vertices, spacing)])
+        return np.column_stack([flat, np.zeros(len(flat))])
 
     def edges(self):
         a = self.outline_points()

@@ -5,22 +5,28 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from calib import geometry
+from calib import geometry, limbs
+
+GRAZING = 0.02  # least cosine of incidence that a ray is taken to have, also one that misses
 
 
 @dataclass(frozen=True)
 class Cylinder:
-    """length and radius, m, of the lateral surface."""
+    """length and radius, m, of the lateral surface; color or None; points or None."""
 
     length: float
     radius: float
+    color: object = None
+    points: object = None
 
     name = "cylinder"
     pattern = None
 
     @classmethod
     def from_config(cls, config):
-        return cls(config["length_m"], config["radius_m"])
+        color = config.get("color")
+        color = limbs.Color.from_config(color) if color else None
+        return cls(config["length_m"], config["radius_m"], color)
 
     @property
     def centre(self):
@@ -39,20 +45,24 @@ class Cylinder:
         return self.length * 2 * self.radius
 
     def outline_points(self):
-        angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-        ring = self.radius * np.column_stack([np.cos(angle), np.sin(angle)])
-        ends = [
-            np.column_stack([np.full(12, x), ring]) for x in (-self.length / 2, self.length / 2)
-        ]
-        return np.concatenate(ends)
+        ends = (-self.length / 2, self.length / 2)
+        return np.concatenate([_ring(x, self.radius, self.radius / 2) for x in ends])
 
     def distance(self, x, y, z):
         # The small number keeps the derivative finite on the axis.
         return np.sqrt(y * y + z * z + 1e-20) - self.radius
 
-    def normal(self, q):
-        n = q * [0.0, 1.0, 1.0]
-        return n / np.maximum(np.linalg.norm(n, axis=1), 1e-12)[:, None]
+    def gap(self, q, beam):
+        # `root` depends on the beam alone, not on where along it the return lies: range noise then
+        # bends neither gap nor cosine. It passes smoothly to GRAZING for beams that miss.
+        across = beam[1] * beam[1] + beam[2] * beam[2]
+        inwards = -(q[1] * beam[1] + q[2] * beam[2])
+        beyond = q[1] * q[1] + q[2] * q[2] - self.radius**2
+        least = (GRAZING * self.radius) ** 2 * across
+        within = inwards * inwards - across * beyond - least
+        root = np.sqrt(least + (within + np.sqrt(within * within + least * least)) / 2)
+        approach = np.sqrt(inwards * inwards + least)
+        return beyond / (approach + root), root / self.radius
 
     def depth(self, q):
         return self.length / 2 - np.abs(q[:, 0])
@@ -60,6 +70,18 @@ class Cylinder:
     def faces(self, p):
         distance = np.linalg.norm(p)
         return distance > self.reach, np.hypot(p[1], p[2]) / distance
+
+    def image_points(self):
+        return np.zeros((0, 3)) if self.color is None else self.outline_points()
+
+    def template(self, spacing):
+        """Rings on the side, and rings on both caps, spacing m apart or a little less."""
+        half = self.length / 2
+        x = np.linspace(-half, half, int(np.ceil(self.length / spacing)) + 1)
+        side = np.concatenate([_ring(at, self.radius, spacing) for at in x])
+        inner = np.arange(0, self.radius, spacing)
+        caps = [_ring(at, r, spacing) for at in (-half, half) for r in inner]
+        return np.concatenate([side, *caps])
 
     def edges(self):
         return np.zeros((0, 2, 3))
@@ -89,3 +111,10 @@ class Cylinder:
         if np.linalg.norm(x[2:]) > np.linalg.norm(margin[3:]):
             return np.zeros(0, int)
         return np.flatnonzero(np.abs(residual(x)) < 3)
+
+
+def _ring(x, radius, spacing):
+    """Points (n, 3) on a circle about the x axis, spacing m apart or a little less."""
+    n = max(1, int(np.ceil(2 * np.pi * radius / spacing)))
+    angle = 2 * np.pi * np.arange(n) / n
+    return np.column_stack([np.full(n, x), radius * np.cos(angle), radius * np.sin(angle)])

@@ -30,3 +30,13 @@ def nearest_edge(vertices, p):
     clipped = np.clip(free, 0, 1)
     edge = np.linalg.norm(offset - clipped[..., None] * along, axis=-1).argmin(1)
     return edge, free[np.arange(len(p)), edge]
+
+
+def along(vertices, spacing):
+    """Points (n, 2) on the outline (m, 2), spacing m apart or a little less."""
+    sides = np.roll(vertices, -1, 0) - vertices
+    counts = np.ceil(np.linalg.norm(sides, axis=1) / spacing).astype(int)
+    steps = [
+        a + np.arange(n)[:, None] / n * s for a, s, n in zip(vertices, sides, counts, strict=True)
+    ]
+    return np.concatenate(steps)

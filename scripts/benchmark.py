@@ -1,0 +1,118 @@
+"""Measure accuracy and cost on logs with known truth: the tables of docs/benchmark.md.
+
+Simulates the logs below WORK, calibrates all of them with the pipeline in one working directory,
+and compares the results with truth.json, which no job of the pipeline gets to see. The table goes
+to stdout; a full run also writes benchmark.md and benchmark.svg into --docs.
+"""
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import yaml
+
+from calib.benchmark import chart, collect, cost, measure, page, plan, rows
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def parse(argv):
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add("work", type=Path, metavar="WORK", help="an own folder; 2 GB of logs are written there")
+    add("--quick", action="store_true", help="the smallest N of every row, one log of each")
+    add("--seeds", type=int, default=2, help="logs per line of the table in a full run")
+    add("--cores", type=int, default=2)
+    add("--docs", type=Path, default=ROOT / "docs", help="where a full run writes")
+    add("--keep-logs", action="store_true", help="use logs that an earlier run left in WORK")
+    return parser.parse_args(argv)
+
+
+def simulate(folder, arguments, keep):
+    """Write one log with its truth below folder."""
+    if keep and (folder / "truth.json").exists():
+        return
+    command = [sys.executable, ROOT / "scripts" / "simulate.py", folder, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"{folder.name} was not simulated:\n{done.stderr}")
+
+
+def snakemake(run, targets, cores):
+    """Make the targets in the working directory run; whether all were made, and the seconds."""
+    command = [Path(sys.executable).with_name("snakemake"), "-s", ROOT / "Snakefile", "-d", run]
+    command += ["--cores", str(cores), "--keep-going", "--", *targets]
+    begin = time.perf_counter()
+    with (run / "snakemake.log").open("a") as log:
+        done = subprocess.run(command, stdout=log, stderr=log).returncode == 0
+    return done, time.perf_counter() - begin
+
+
+def write_config(run, logs, cases):
+    """The config of the cases of one working directory; logs: the folder of the simulated ones."""
+    sessions, files = {}, {}
+    for case in cases:
+        log = logs / plan.log_name(*case.log)
+        sessions[case.name] = plan.session(case, str(collect.log_file(log)))
+        files[f"rigs/{case.name}.yaml"] = plan.rig(case, collect.simulated(log, "rigs/*"))
+        body = collect.simulated(log, f"targets/{case.row.target}")
+        files[f"targets/{case.target}.yaml"] = plan.target(case, body)
+    settings = {"sessions": sessions, "crop": plan.crop(plan.home(cases[0]))}
+    for name, content in {"config.yaml": settings, **files}.items():
+        path = run / "config" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(yaml.safe_dump(content, sort_keys=False))
+
+
+def speed(logs, run, cases, cores):
+    """The Speed of the log made for it, in its own working directory; run, cases: of the others."""
+    folder, results = logs / plan.SPEED, logs / plan.SPEED / "results"
+    rig = folder / "config" / "rigs" / f"{plan.SPEED_RIG}.yaml"
+    rig.write_text(yaml.safe_dump(plan.speed_rig(yaml.safe_load(rig.read_text()))))
+    shutil.rmtree(results, ignore_errors=True)
+    # Made twice: the second time there is nothing to do but to find that out.
+    wanted = f"results/{plan.SPEED_RIG}/solution.json"
+    walls = [snakemake(folder, [wanted], cores)[1] for _ in range(2)]
+    files = sorted((folder / "logs").glob("*.mcap"))
+    solution = json.loads((folder / wanted).read_text())
+    return cost.Speed(
+        about=plan.about(solution, sum(path.stat().st_size for path in files)),
+        costs=cost.costs(collect.read_logs(results)),
+        wall=walls[0] - walls[1],
+        raw=sum(cost.raw_read(path) for path in files),
+        memory=[collect.decode_of(logs, run, case) for case in cases],
+    )
+
+
+def main(argv=None):
+    args = parse(argv)
+    logs, run = args.work.resolve() / "logs", args.work.resolve() / "run"
+    cases = rows.cases(args.quick, args.seeds)
+    commands = plan.simulations(cases, 5 if args.quick else 30)
+    with ThreadPoolExecutor(args.cores) as pool:
+        folders = [logs / name for name in commands]
+        list(pool.map(simulate, folders, commands.values(), [args.keep_logs] * len(folders)))
+    for home in sorted({plan.home(case) for case in cases}):
+        mine = [case for case in cases if plan.home(case) == home]
+        write_config(run / home, logs, mine)
+        snakemake(run / home, plan.jobs(mine), args.cores)
+    found = collect.outcomes(run, logs, cases)
+    lines = measure.lines(found)
+    speeds = speed(logs, run, cases, args.cores)
+    text = page.whole(lines, speeds, args.quick, args.seeds)
+    print(text)
+    if not args.quick:
+        args.docs.mkdir(parents=True, exist_ok=True)
+        (args.docs / "benchmark.md").write_text(text)
+        (args.docs / "benchmark.svg").write_bytes(chart.svg(lines))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,102 @@
+"""What simulator and pipeline left in their folders, held against each other.
+
+The one place where the truth meets the pipeline's files, when all jobs are done.
+"""
+
+import json
+
+import numpy as np
+import yaml
+
+from calib import config, estimation, kinds, placements, reference, rig, tables, targets
+from calib.benchmark import cost, measure, plan, rows
+
+UNKNOWN = (np.nan, np.nan), np.nan
+
+
+def simulated(log, pattern):
+    """The content of the one config file of a simulated log that matches."""
+    (path,) = (log / "config").glob(f"{pattern}.yaml")
+    return yaml.safe_load(path.read_text())
+
+
+def log_file(log):
+    """The one MCAP file of a simulated log."""
+    (path,) = (log / "logs").resolve().glob("*.mcap")
+    return path
+
+
+def truth(logs, case):
+    """truth.json of the log of a case."""
+    return json.loads((logs / plan.log_name(*case.log) / "truth.json").read_text())
+
+
+def outcomes(run, logs, cases):
+    """{case: Outcome}; every method of a row is held against what the surface could tell."""
+    folder = run / rows.DEFAULT / "config"
+    loaded = config.load(yaml.safe_load((folder / "config.yaml").read_text()), folder)
+    references, out = {}, {}
+    for case in sorted(cases, key=lambda c: c.method != rows.DEFAULT):
+        path, known = run / plan.home(case) / plan.jobs([case])[0], truth(logs, case)
+        key = case.row.key, *case.log
+        if not path.exists():
+            out[case] = measure.Outcome("the run stopped before a result")
+            continue
+        sensor = json.loads(path.read_text())["sensors"][case.row.sensor]
+        if case.method == rows.DEFAULT and sensor["T_robot_sensor"] is not None:
+            references[key] = reference_of(run, case, known, loaded)
+        T_true = np.array(known["sensors"][case.row.sensor]["T_robot_sensor"]["matrix"])
+        out[case] = measure.outcome(sensor, T_true, *references.get(key, UNKNOWN))
+    return out
+
+
+def reference_of(run, case, known, loaded):
+    """(mm, deg) that the data of a case could tell of its sensor, and the error of its pixels.
+
+    known: truth.json of its log; loaded: the config of the run, complete.
+    """
+    settings, rigs, bodies = loaded
+    name = case.row.sensor
+    shape, sensor = bodies[case.target], rigs[case.name]["sensors"][name]
+    folder = run / plan.home(case) / "results" / case.name / case.name
+    pairs, _, _ = tables.read(folder / "pairs.parquet", tables.PAIRS)
+    table, _, _ = tables.read(folder / "placements.parquet", tables.PLACEMENTS)
+    table["pose_factor"] = 1 / np.sqrt(table["samples"])
+    noise = mocap_noise(known["arguments"])
+    places = placements.still(table, case.name, {case.target: shape}, noise)
+    setup = estimation.Setup(
+        models={name: rig.model(sensor)},
+        targets={case.target: targets.from_config(shape)},
+        placements=list(places.values()),
+        groups=placements.groups(pairs, name, {number: i for i, number in enumerate(places)}),
+        associate=settings["associate"],
+        prior={},
+    )
+    true = {name: np.array(known["sensors"][name]["T_robot_sensor"]["matrix"])}
+    found, sigmas = reference.evaluate(setup, true, known["arguments"]["range_noise_m"])
+    pixels = [s for (_, kind), s in sigmas.items() if kinds.KINDS[kind].UNIT == "px"]
+    return measure.spread(found[name]), pixels[0] if pixels else np.nan
+
+
+def mocap_noise(arguments):
+    """Block `mocap` of a rig with the noise that simulate.py was told to make."""
+    parts = {"pose_sigma": "noise", "pose_bias_sigma": "bias"}
+    return {
+        key: {
+            "xyz_m": max(arguments[f"mcs_{part}_m"], reference.NO_NOISE),
+            "rpy_deg": max(arguments[f"mcs_{part}_deg"], reference.NO_NOISE),
+        }
+        for key, part in parts.items()
+    }
+
+
+def read_logs(results):
+    """The texts of all jobs' logs below results."""
+    return [path.read_text() for path in sorted(results.rglob("*.log"))]
+
+
+def decode_of(logs, run, case):
+    """(size of its log, memory of its decode), MB, of a case."""
+    size = log_file(logs / plan.log_name(*case.log)).stat().st_size / 1e6
+    found = cost.costs(read_logs(run / plan.home(case) / "results" / case.name / case.name))
+    return size, found["decode"].memory if "decode" in found else np.nan

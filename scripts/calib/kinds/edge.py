@@ -1,0 +1,57 @@
+"""Directions in which a lidar's scan lines leave the outline of a flat target."""
+
+import casadi as ca
+import numpy as np
+
+from calib import geometry
+from calib.kinds.assignment import Assignment
+from calib.targets import polygon
+
+UNIT, ROUNDING = "rad", None
+DATA = ("dx", "dy", "dz", "ax", "ay", "az", "bx", "by", "bz", "weight")
+VERTEX_M = 0.02  # a crossing nearer than this to a vertex may belong to either edge
+ALONG_SCAN = 0.2  # an edge more parallel than this to the scan line fixes no crossing
+
+
+def assign(lidar, target, T_sensor_target, keypoints, options, scale):
+    """Crossings of the outline, each with the edge nearest to where its ray meets the board.
+
+    A crossing lies anywhere between two beams: σ is the step between them over √12, taken across
+    the edge. Several scans of a placement repeat the same crossings and count as one.
+    """
+    ray = keypoints["xyz"]
+    T_target_sensor = geometry.inverse(T_sensor_target)
+    origin, beam = T_target_sensor[:3, 3], ray @ T_target_sensor[:3, :3].T
+    cosine = -beam[:, 2]
+    steep = np.where(np.abs(beam[:, 2]) > 1e-6, beam[:, 2], 1e-6)
+    hit = origin + beam * (-origin[2] / steep)[:, None]
+    index, fraction = polygon.nearest_edge(target.vertices, hit[:, :2])
+    ends = target.edges()[index]
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    a, b = (geometry.transform(T_sensor_target, ends[:, k]) for k in (0, 1))
+    normal = np.cross(a, b)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    angle = np.sum(normal * ray, 1)
+    across = np.abs(np.sum(normal * np.cross([0.0, 0.0, 1.0], ray), 1))
+    sigma = scale * keypoints["sigma"] * np.maximum(across, ALONG_SCAN)
+    clear = np.minimum(fraction, 1 - fraction) * length > VERTEX_M
+    over = clear & (across > ALONG_SCAN) & (cosine > options["min_cosine"])
+    member = over & (np.abs(angle) < options["gate_sigma"] * sigma)
+    ranges = np.linalg.norm(hit - origin, axis=1)
+    numbers = np.column_stack([ray, ends.reshape(-1, 6)])
+    feature = np.where(member, index, -1)
+    return Assignment(feature, over, sigma, angle[:, None], ranges, cosine, numbers)
+
+
+def residual(lidar, target):
+    """Angle between a ray (lidar frame) and the plane through the lidar and an outline edge; (1).
+
+    It is what a beam can tell of an edge: the crossing's direction, not its range.
+    """
+
+    def of(R, t, d):
+        ray, a, b = d[:3], R @ d[3:6] + t, R @ d[6:9] + t
+        normal = ca.cross(a, b)
+        return ca.dot(normal, ray) / ca.sqrt(ca.dot(normal, normal) + 1e-20) * d[9]
+
+    return of

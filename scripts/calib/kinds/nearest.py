@@ -1,0 +1,38 @@
+"""Points against the nearest of a set of target points: the paper's correspondence search, III-D.
+
+The very first pass lays the centroid of the target's points on that of the measured ones, because
+a wrong guess shifts the whole target first.
+"""
+
+import numpy as np
+
+from calib import geometry
+from calib.kinds.assignment import Assignment
+
+
+def assign(tree, T_sensor_target, keypoints, options, scale, shift):
+    """Measured points, each with the nearest of the tree's points (m, 3), target frame.
+
+    shift (3,): by which the measured points are moved, in the target frame, for the search alone.
+    """
+    p = keypoints["xyz"]
+    q = geometry.transform(geometry.inverse(T_sensor_target), p)
+    distance, feature = tree.query(q + shift)
+    sigma = scale * keypoints["sigma"]
+    feature = np.where(distance < options["gate_sigma"] * sigma, feature, -1)
+    value = q - tree.data[feature]
+    ranges = np.linalg.norm(p, axis=1)
+    everything = np.ones(len(p), bool)
+    numbers = np.column_stack([p, tree.data[feature]])
+    return Assignment(feature, everything, sigma, value, ranges, np.ones(len(p)), numbers)
+
+
+def centred(tree, T_sensor_target, keypoints):
+    """Shift (3,) that lays the measured points' centroid on that of the tree's points."""
+    q = geometry.transform(geometry.inverse(T_sensor_target), keypoints["xyz"])
+    return tree.data.mean(0) - q.mean(0)
+
+
+def residual(R, t, d):
+    """Paper equation 2: a measured point minus the target's point it belongs to, over σ; (3)."""
+    return (d[:3] - R @ d[3:6] - t) * d[6]

@@ -1,0 +1,43 @@
+"""Lidar returns on the surface of a target, compared with its exact geometry."""
+
+import casadi as ca
+import numpy as np
+
+from calib import geometry
+from calib.kinds.assignment import Assignment, taper
+
+UNIT, ROUNDING = "m", 1e-7
+DATA = ("x", "y", "z", "weight")
+TAPER_M, TAPER_COSINE = 0.01, 0.1  # over which the weight of a return fades in from a limit
+
+
+def assign(lidar, target, T_sensor_target, keypoints, options, scale):
+    """Returns that lie on the target: over its surface, near it, and not at a grazing angle.
+
+    The residual is along the beam, where the noise is: a distance across the surface would shrink,
+    and with it the cost, when the target turns away, however true. Towards the rim and towards
+    grazing σ grows without bound, so that nothing jumps when a return comes or goes there.
+    """
+    p = keypoints["xyz"]
+    ranges = np.linalg.norm(p, axis=1)
+    T_target_sensor = geometry.inverse(T_sensor_target)
+    q = geometry.transform(T_target_sensor, p)
+    beams = p @ T_target_sensor[:3, :3].T / np.maximum(ranges, 1e-9)[:, None]
+    gap, cosine = target.gap(q.T, beams.T)
+    trust = taper(cosine - options["min_cosine"], TAPER_COSINE)
+    trust *= taper(target.depth(q) - options["edge_margin_m"], TAPER_M)
+    over = trust > 0
+    sigma = scale * keypoints["sigma"] / np.sqrt(np.where(over, trust, 1.0))
+    member = over & (np.abs(gap) < options["gate_sigma"] * sigma)
+    feature = np.where(member, 0, -1)
+    return Assignment(feature, over, sigma, gap[:, None], ranges, cosine, p)
+
+
+def residual(lidar, target):
+    """How far along the beam a return lies before the surface, over σ; (1)."""
+
+    def of(R, t, d):
+        gap, _ = target.gap(R.T @ (d[:3] - t), R.T @ d[:3] / ca.sqrt(ca.dot(d[:3], d[:3])))
+        return gap * d[3]
+
+    return of

@@ -1,0 +1,164 @@
+"""Poses as they are told: first guess, result with σ, correction, and error where truth is known.
+
+A pose is told in six numbers: x, y, z of the sensor's origin in the robot's frame, mm, and roll,
+pitch, yaw, deg, with R = Rz(yaw) Ry(pitch) Rx(roll). Each σ is that of the number beside it.
+"""
+
+import itertools
+
+import numpy as np
+
+from calib import geometry
+from calib.report import text
+
+MM, DEG = 1e3, np.degrees(1.0)
+NAMES = (("x", "mm"), ("y", "mm"), ("z", "mm"), ("roll", "°"), ("pitch", "°"), ("yaw", "°"))
+GIMBAL = 1e-3  # cosine of a pitch at which roll and yaw have no meaning of their own
+NEES_95 = (0.206, 2.408)  # NEES / 6 of an honest covariance lies here 95 times of 100
+
+
+def numbers(T):
+    """(6,) x, y, z, mm, and roll, pitch, yaw, deg, of T (4, 4)."""
+    return np.concatenate([T[:3, 3] * MM, geometry.to_rpy(T) * DEG])
+
+
+def sigmas(T, covariance):
+    """(6,) standard deviations of numbers(T); NaN for the angles at a pitch of ±90°."""
+    roll, pitch, _ = geometry.to_rpy(T)
+    J = np.zeros((6, 6))
+    J[:3, :3], J[3:, 3:] = T[:3, :3], np.nan
+    if abs(np.cos(pitch)) > GIMBAL:
+        # Rates about the sensor's axes from those of roll, pitch and yaw.
+        from_rates = [
+            [1.0, 0.0, -np.sin(pitch)],
+            [0.0, np.cos(roll), np.cos(pitch) * np.sin(roll)],
+            [0.0, -np.sin(roll), np.cos(pitch) * np.cos(roll)],
+        ]
+        J[3:, 3:] = np.linalg.inv(from_rates)
+    return np.sqrt(np.diag(J @ np.asarray(covariance) @ J.T)) * np.repeat([MM, DEG], 3)
+
+
+def difference(T, T_from):
+    """(6,) numbers(T) less numbers(T_from), the angles within ±180°."""
+    d = numbers(T) - numbers(T_from)
+    return np.concatenate([d[:3], (d[3:] + 180) % 360 - 180])
+
+
+def distance(T, T_from):
+    """How far two poses lie apart: mm, and deg of the rotation between them."""
+    apart = np.linalg.norm(T[:3, 3] - T_from[:3, 3]) * MM
+    return float(apart), float(np.degrees(geometry.angle(geometry.inverse(T_from) @ T)))
+
+
+def error(T, covariance, T_true):
+    """(mm, deg, NEES / 6) of an estimate T against the truth."""
+    xi = geometry.se3_log(geometry.inverse(T_true) @ T)
+    nees = xi @ np.linalg.solve(np.asarray(covariance), xi)
+    return *distance(T, T_true), float(nees / 6)
+
+
+def decimals(sigma):
+    """Decimals (6,) that show the least σ of the position, and of the rotation, in two digits."""
+    return [text.places(s) for s in np.repeat(np.reshape(sigma, (2, 3)).min(1), 3)]
+
+
+def fixed(values, places, sign=False):
+    """Values (6,) as text; sign: a plus before what is positive."""
+    told = [text.fixed(v, p) for v, p in zip(values, places, strict=True)]
+    return [f"+{t}" if sign and v > 0 else t for t, v in zip(told, values, strict=True)]
+
+
+def told_error(T, covariance, T_true):
+    """What is said of an estimate against the truth; None without one."""
+    if T_true is None:
+        return None
+    mm, deg, nees = error(T, covariance, T_true)
+    told = {"mm": text.number(mm, 2), "deg": text.number(deg, 2), "nees": text.number(nees, 2)}
+    inside = NEES_95[0] <= nees <= NEES_95[1]
+    return told | {"sigmas": text.number(np.sqrt(nees), 2), "inside": inside}
+
+
+def rows(T, covariance, T_guess, T_true):
+    """The six numbers of a pose with all that is known of each; None for what is not."""
+    sigma = sigmas(T, covariance)
+    places = decimals(sigma)
+    columns = {"value": fixed(numbers(T), places), "sigma": fixed(sigma, places)}
+    if T_guess is not None:
+        columns["guess"] = fixed(numbers(T_guess), places)
+        columns["change"] = fixed(difference(T, T_guess), places, sign=True)
+    if T_true is not None:
+        off = difference(T, T_true)
+        columns["error"] = fixed(off, places, sign=True)
+        columns["in_sigma"] = fixed(off / sigma, [1] * 6, sign=True)
+    absent = dict.fromkeys(("guess", "change", "error", "in_sigma"))
+    return [
+        absent | {"name": n, "unit": u} | {k: v[i] for k, v in columns.items()}
+        for i, (n, u) in enumerate(NAMES)
+    ]
+
+
+def of_sensor(run, name):
+    """What is said of one sensor's pose."""
+    sensor = run.sensors[name]
+    out = {"name": name, "sensor": sensor, "solved": bool(sensor["T_robot_sensor"])}
+    out |= {k: text.count(sensor[k]) for k in ("placements", "observations", "points")}
+    out["rejected"] = text.percent(sensor["rejected"])
+    out["residual"] = residual(**sensor["residual"])
+    if not out["solved"]:
+        return out
+    T, T_true, covariance = run.T_robot_sensor(name), run.truth(name), sensor["covariance"]
+    out |= {"rows": rows(T, covariance, guess(sensor), T_true), "change": change(sensor, T)}
+    out |= {"error": told_error(T, covariance, T_true), "least": least_certain(sensor)}
+    out["worked"] = ", ".join(text.fixed(v, 4) for v in geometry.transform(T, [1.0, 0.0, 0.0]))
+    out["quat"] = ", ".join(text.fixed(v, 8) for v in sensor["T_robot_sensor"]["quat_xyzw"])
+    out["matrix"] = "\n".join(" ".join(f"{v: .9f}" for v in row) for row in T)
+    return out
+
+
+def guess(sensor):
+    """T_robot_sensor (4, 4) of a sensor's first guess, or None."""
+    T = sensor["guess"]["T_robot_sensor"]
+    return None if T is None else np.array(T["matrix"])
+
+
+def least_certain(sensor):
+    """`yaw, about z of the robot, σ 0.02 °` of a sensor with a pose."""
+    weak = sensor["weakest"]
+    turning = weak["direction"].startswith("rotation")
+    sigma = text.number(weak["sigma"] * (DEG if turning else MM), 2)
+    return f"{weak['direction']}, σ {sigma} {'°' if turning else 'mm'}"
+
+
+def residual(rms, unit):
+    """A residual of calibration.json in mm or px."""
+    if rms is None:
+        return text.DASH
+    return f"{text.number(rms * MM)} mm" if unit == "m" else f"{text.number(rms)} {unit}"
+
+
+def change(sensor, T):
+    """How far the result lies from the first guess: mm, deg, and in σ of the guess."""
+    T_guess = guess(sensor)
+    if T_guess is None:
+        return None
+    mm, deg = distance(T, T_guess)
+    off = np.abs(geometry.se3_log(geometry.inverse(T_guess) @ T)) / sensor["guess"]["sigma"]
+    told = {"mm": text.number(mm), "deg": text.number(deg), "sigmas": text.number(off.max(), 2)}
+    return told | {"source": sensor["guess"]["source"]}
+
+
+def between(run):
+    """Pose of every solved sensor in every earlier one, with σ from their joint covariance."""
+    joint = run.calibration["joint_covariance"]
+    out = []
+    for a, b in itertools.combinations(joint["order"] if joint else [], 2):
+        at = [6 * joint["order"].index(n) + i for n in (a, b) for i in range(6)]
+        T_r_a, T_r_b = run.T_robot_sensor(a), run.T_robot_sensor(b)
+        block = np.array(joint["matrix"])[np.ix_(at, at)]
+        covariance = geometry.covariance_of_relative(T_r_a, T_r_b, block)
+        T, T_true = geometry.inverse(T_r_a) @ T_r_b, None
+        if run.truth(a) is not None and run.truth(b) is not None:
+            T_true = geometry.inverse(run.truth(a)) @ run.truth(b)
+        told = told_error(T, covariance, T_true)
+        out.append({"a": a, "b": b, "rows": rows(T, covariance, None, T_true), "error": told})
+    return out

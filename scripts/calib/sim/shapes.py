@@ -1,0 +1,74 @@
+"""Where rays meet the shapes that a scene is made of, exactly.
+
+A ray is o + t d in the frame of the shape. The functions of KINDS take what describes the shape
+and o and d (3, n); they return t (n,), infinite or NaN for a miss, and the face met (n,).
+"""
+
+import numpy as np
+
+SKY = 3  # face of the room above its walls: no return
+
+
+@np.errstate(divide="ignore", invalid="ignore")
+def meet_board(size, o, d):
+    """A convex polygon in z = 0; face 0 is the back, the squares follow."""
+    normals, offsets, low, square, count = size
+    t = -o[2] / d[2]
+    x, y = o[0] + t * d[0], o[1] + t * d[1]
+    inside = np.ones(t.shape, bool)
+    for (nx, ny), offset in zip(normals, offsets, strict=True):
+        inside &= nx * x + ny * y <= offset
+    i = np.clip(np.floor((x - low[0]) / square), -1, count[0])
+    j = np.clip(np.floor((y - low[1]) / square), -1, count[1])
+    face = np.where(inside & (o[2] > 0), i * (count[1] + 2) + (j + count[1] + 4), 0)
+    return np.where(inside, t, np.inf), face.astype(np.int32)
+
+
+@np.errstate(divide="ignore", invalid="ignore")
+def meet_cylinder(size, o, d):
+    """A closed cylinder about x, centred; faces: side, cap at -x, cap at +x. o lies outside."""
+    half, radius = size[0] / 2, size[1]
+    a = d[1] * d[1] + d[2] * d[2]
+    b = o[1] * d[1] + o[2] * d[2]
+    c = o[1] * o[1] + o[2] * o[2] - radius**2
+    side = (-b - np.sqrt(b * b - a * c)) / a
+    on_side = np.abs(o[0] + side * d[0]) <= half
+    sign = -np.sign(d[0])
+    cap = (sign * half - o[0]) / d[0]
+    on_cap = (o[1] + cap * d[1]) ** 2 + (o[2] + cap * d[2]) ** 2 <= radius**2
+    t = np.where(on_side, side, np.where(on_cap, cap, np.inf))
+    return t, np.where(on_side, 0, np.where(sign < 0, 1, 2))
+
+
+def side_normal(size, o, d):
+    """Outward normals (n, 3) where rays d (n, 3) from o (3,) meet the side of a cylinder; of those
+    that pass it by, where they pass nearest."""
+    radial = d[:, 1:]
+    a, b = np.sum(radial**2, axis=1), radial @ o[1:]
+    root = np.sqrt(np.maximum(b * b - a * (o[1:] @ o[1:] - size[1] ** 2), 0))
+    p = o[1:] + ((-b - root) / a)[:, None] * radial
+    p /= np.linalg.norm(p, axis=1, keepdims=True)
+    return np.column_stack([np.zeros(len(d)), p])
+
+
+@np.errstate(divide="ignore", invalid="ignore")
+def meet_box(half, o, d):
+    """A box about its origin, from outside; the face is the axis it is normal to."""
+    reach = np.sign(d) * np.reshape(half, (3, 1))
+    enter, leave = (-reach - o) / d, (reach - o) / d
+    near = np.max(enter, axis=0)
+    return np.where(near <= np.min(leave, axis=0), near, np.inf), np.argmax(enter, axis=0)
+
+
+@np.errstate(divide="ignore", invalid="ignore")
+def meet_room(size, o, d):
+    """The room from inside; faces: floor, walls normal to x, to y, what is above them."""
+    x, y, ceiling, wall = size
+    high, low = (np.reshape(side, (3, 1)) for side in ((x, y, ceiling), (-x, -y, 0.0)))
+    leave = np.where(d == 0, np.inf, (np.where(d > 0, high, low) - o) / d)
+    t = np.min(leave, axis=0)
+    above = o[2] + t * d[2] > wall
+    return t, np.where(above, SKY, np.array([1, 2, 0])[np.argmin(leave, axis=0)])
+
+
+KINDS = {"board": meet_board, "cylinder": meet_cylinder, "box": meet_box, "room": meet_room}
