@@ -39,6 +39,7 @@ def content(run):
         "body": run.options["body"],
         "verdict": summary.verdict(run),
         "extrinsics": [extrinsics.of_sensor(run, n) for n in run.sensors],
+        "strangers": run.strangers,
         "rig_figure": rig_figure.draw(run),
         "between": extrinsics.between(run),
         "unknowns": summary.other_unknowns(run),
@@ -109,13 +110,13 @@ def arguments(argv):
     ).parse_args(argv)
 
 
-def page(template, shown, on_paper):
-    """The page for the screen or for paper."""
+def page(template, shown, images=None):
+    """The page for the screen, or for paper, which finds its Images by name."""
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters["drawn"] = lambda d: Markup(plots.on_paper(d) if on_paper else d.svg)
-    return environment.from_string(template).render(shown, on_paper=on_paper)
+    environment.filters["drawn"] = images.tag if images else lambda d: Markup(d.svg)
+    return environment.from_string(template).render(shown, on_paper=images is not None)
 
 
 def write_figures(paths, shown):
@@ -132,10 +133,10 @@ def write_figures(paths, shown):
 
 def main(argv=None):
     args = arguments(argv)
-    run = read_run(args)
+    run, images = read_run(args), paper.Images()
     shown, template = content(run), args.template.read_text()
-    args.html.write_text(page(template, shown, on_paper=False))
-    args.pdf.write_bytes(paper.to_pdf(page(template, shown, on_paper=True)))
+    args.html.write_text(page(template, shown))
+    args.pdf.write_bytes(paper.to_pdf(page(template, shown, images), images))
     write_figures(args.figures, shown)
     sizes = args.html.stat().st_size, args.pdf.stat().st_size
     logger.info("%s: %s, %d and %d bytes", run.options["rig"], run.verdict["verdict"], *sizes)

@@ -374,7 +374,7 @@ def files(tmp_path):
 def undrawn(monkeypatch):
     """Figures are named but not drawn, which takes most of the time."""
 
-    def drawing(fig, name, label, caption, span=1, vector=False):
+    def drawing(fig, name, label, caption, span=1):
         svg = f'<svg viewBox="0 0 1 1" aria-label="{label}"></svg>'
         return plots.Drawing(svg, None, caption, "", span)
 
@@ -553,7 +553,7 @@ def test_measurements_without_a_member_are_left_out_not_plotted(files, undrawn):
     assert "not used: 2 no measurement was a member of the solution" in said
 
 
-def test_sessions_may_use_different_sensors(files):
+def test_sessions_may_use_different_sensors(files, undrawn):
     files.options["sessions"] = {"s1": ["left", "top"], "s0": ["top"]}
     for kept in (files.audits, files.placements):
         kept["s0"] = kept["s1"]
@@ -673,6 +673,13 @@ def test_truth_may_be_known_of_one_sensor_alone(files, undrawn):
     files.options["truth"] = {"top": {"matrix": POSES["top"].tolist()}}
     said = words(files.render())
     assert said.count("error against the truth 0 mm, 0°") == 1
+
+
+def test_a_truth_of_a_sensor_that_the_rig_does_not_use_is_told(files, undrawn):
+    files.options["truth"] = {"tpo": {"matrix": POSES["top"].tolist()}}
+    said = words(files.render())
+    assert "A truth was given of tpo, which rig robo does not use" in said
+    assert "error against the truth" not in said
 
 
 def test_without_truth_nothing_is_said_of_it(page):
@@ -806,7 +813,11 @@ def test_a_wrong_truth_is_refused(common):
         common(truth={"left": {"xyz_m": [0.1, 0.02, 0.3]}})
 
 
-def test_the_last_words_are_verdict_poses_and_where_the_report_is(common, tmp_path, capsys):
+def test_the_last_words_are_verdict_poses_and_where_the_report_is(
+    common, tmp_path, capsys, monkeypatch
+):
+    """The path is one to open from where the command was given."""
+    monkeypatch.setenv("PWD", str(tmp_path.parent))
     names = common(truth={"left": {"matrix": POSES["left"].tolist()}})
     (tmp_path / "results/robo").mkdir(parents=True)
     stage.write_json("results/robo/calibration.json", calibration())
@@ -815,7 +826,7 @@ def test_the_last_words_are_verdict_poses_and_where_the_report_is(common, tmp_pa
     lines = capsys.readouterr().err.splitlines()
     assert lines[:2] == ["robo: WARN", "  top: why"]
     assert lines[2].startswith("  left  100") and "error 0 mm 0°" in lines[2]
-    assert lines[-1] == "  report: results/robo/report.html"
+    assert lines[-1] == f"  report: {tmp_path.name}/results/robo/report.html"
 
 
 def test_payloads_reads_only_what_is_wanted(files):

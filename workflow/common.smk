@@ -216,9 +216,8 @@ def last_words():
         if stopped:
             print(f"{rig}: STOPPED", *stopped, sep="\n  ", file=sys.stderr)
         elif (home / "verdict.json").exists():
-            print(
-                *results(rig, home), f"report: {home / 'report.html'}", sep="\n  ", file=sys.stderr
-            )
+            page = os.path.relpath(home / "report.html", os.environ.get("PWD", "."))
+            print(*results(rig, home), f"report: {page}", sep="\n  ", file=sys.stderr)
 
 
 def results(rig, home):

@@ -150,9 +150,7 @@ def _array(field, values):
         flat = np.ascontiguousarray(np.asarray(values, float).reshape(-1))
         return pa.FixedSizeListArray.from_arrays(pa.array(flat), field.type.list_size)
     if pa.types.is_dictionary(field.type):
-        names, codes = np.unique(np.asarray(values, dtype=str), return_inverse=True)
-        indices = pa.array(codes.astype(np.int32).reshape(-1))
-        return pa.DictionaryArray.from_arrays(indices, pa.array(names.tolist(), pa.string()))
+        return pa.array(np.asarray(values, dtype=str), pa.string()).dictionary_encode()
     return pa.array(values if isinstance(values, list) else np.asarray(values), field.type)
 
 

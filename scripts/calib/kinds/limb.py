@@ -8,7 +8,7 @@ from calib.kinds.assignment import Assignment, taper
 UNIT, ROUNDING = "px", 1e-2
 DATA = ("dx", "dy", "dz", "side", "px_per_m", "weight")
 TAPER_M = 0.02  # along the axis, over which the weight of a contour point fades in from an end
-STEP_PX = 0.5  # between the pixels from which the scale of the image is taken
+STEP_PX = 0.1  # between the pixels from which the scale of the image is taken
 
 
 def assign(camera, target, T_sensor_target, keypoints, options, scale):
@@ -28,7 +28,7 @@ def assign(camera, target, T_sensor_target, keypoints, options, scale):
     across = np.cross(normal, axis)
     depth = (across @ centre) / np.sum(across * ray, 1)
     along = ray @ axis * depth - centre @ axis
-    px_per_m = _px_per_rad(camera, keypoints["uv"], normal) / np.maximum(np.abs(depth), 1e-6)
+    px_per_m = _px_per_rad(camera, keypoints["uv"], ray, normal) / np.maximum(np.abs(depth), 1e-6)
     value = gap * px_per_m
     trust = taper(target.length / 2 - options["edge_margin_m"] - np.abs(along), TAPER_M)
     over = (trust > 0) & valid & (depth > 0)
@@ -40,13 +40,11 @@ def assign(camera, target, T_sensor_target, keypoints, options, scale):
     return Assignment(feature, over, sigma, value[:, None], depth, touching, numbers)
 
 
-def _px_per_rad(camera, uv, normal):
-    """Pixels (n,) per radian at uv (n, 2) towards the unit vectors normal (n, 3)."""
-    steps = STEP_PX * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
-    away = [camera.unproject(uv + step)[0] for step in steps]
-    du = np.sum((away[0] - away[1]) * normal, 1) / (2 * STEP_PX)
-    dv = np.sum((away[2] - away[3]) * normal, 1) / (2 * STEP_PX)
-    return 1 / np.maximum(np.hypot(du, dv), 1e-12)
+def _px_per_rad(camera, uv, ray, normal):
+    """Pixels (n,) per radian at uv (n, 2), where ray (n, 3) points, towards unit normals (n, 3)."""
+    right, down = (camera.unproject(uv + STEP_PX * step)[0] - ray for step in np.eye(2))
+    along_u, along_v = (np.sum(d * normal, 1) / STEP_PX for d in (right, down))
+    return 1 / np.maximum(np.hypot(along_u, along_v), 1e-12)
 
 
 def residual(camera, target):

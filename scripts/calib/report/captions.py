@@ -56,8 +56,8 @@ RIG = (
     "result. Right: σ of every number of a pose."
 )
 RIG_TRUTH = (
-    " Black: distance from the truth. Good: about two of three within their bar, hardly any beyond "
-    "twice its height."
+    " Diamonds: distance from the truth. Good: about two of three within their bar, hardly any "
+    "beyond twice its height."
 )
 COVERAGE_CAMERA = (
     "Where in the image were targets measured? Good: points all over, corners of the image "

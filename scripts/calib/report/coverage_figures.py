@@ -71,8 +71,8 @@ def _directions(ax, found):
         if len(at):
             ax.plot(*at.T, mark, ms=4.5 if mark == "o" else 7, mew=1.6, color=colour, label=label)
     ax.set(title="directions of the targets", **SKY)
-    ax.set_xticks((-180, -90, 0, 90, 180))
-    ax.set_yticks((-90, -45, 0, 45, 90))
+    ax.xaxis.set_ticks((-180, -90, 0, 90, 180))
+    ax.yaxis.set_ticks((-90, -45, 0, 45, 90))
     ax.axhline(0, color=GREY, lw=0.6)
     if len(found.normals) or len(found.axes):
         ax.legend(loc="upper right", ncols=2, columnspacing=0.8, handletextpad=0.2)

@@ -74,6 +74,7 @@ def lengths(sensor, kind, columns):
     ax.stairs(counts, edges, fill=True, color=GREEN, alpha=0.75)
     ax.axvline(np.mean(r), color=INK, lw=1, label=f"mean {text.number(np.mean(r), 2)} {unit}")
     ax.set(xlabel=f"residual, {unit}", ylabel="count", title=f"{sensor}, {kind}: in {unit}")
+    ax.set_ylim(0, 1.2 * counts.max())
     ax.legend(loc="upper right")
     meaning = residuals.MEANING.get(kind, "residuals")
     size = text.number(residuals.rms(r))
@@ -113,7 +114,7 @@ def placements(sensor, kinds):
         top = max(top, *y)
     ax.axhline(1, color=MUTED, lw=0.8, ls="--")
     step = -(-len(keys) // TICKS)
-    ax.set_xticks(range(0, len(keys), step), [str(p) for _, p in keys[::step]])
+    ax.xaxis.set_ticks(range(0, len(keys), step), [str(p) for _, p in keys[::step]])
     for i in (i for i in range(1, len(keys)) if keys[i][0] != keys[i - 1][0]):
         ax.axvline(i - 0.5, color=MUTED, lw=0.8)
     ax.set(xlabel="placement", ylabel="rms residual / σ", ylim=(0, top * 1.25))
@@ -224,7 +225,7 @@ def timeline(run, session):
             ax.broken_barh(spans, (y - 0.3, 0.6), color=BLUE, alpha=0.55, lw=0)
         else:
             _frames(ax, y, run, session, sensor, target, zero)
-    ax.set_yticks(range(len(rows)), names)
+    ax.yaxis.set_ticks(range(len(rows)), names)
     ax.set(ylim=(len(rows) - 0.5, -0.5), xlabel="time from the first message shown, s")
     ax.set_xlim(0, max((last - zero) / NS, 1e-3))
     ax.grid(axis="y", visible=False)
@@ -237,7 +238,7 @@ def _frames(ax, y, run, session, sensor, target, zero):
     views = run.sessions[session].streams[sensor].views
     rows = np.asarray(views["target"], str) == target
     kept = np.asarray(views["kept"], bool)
-    used = np.isin(views["view"], list(funnel.used_views(run, session, sensor)))
+    used = np.isin(views["view"], list(run.used_views.get((session, sensor), ())))
     t = (np.asarray(views["t"], np.int64) - zero) / NS
     for mask, colour, half in (
         (rows & ~kept, GREY, 0.12),

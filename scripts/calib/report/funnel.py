@@ -89,15 +89,6 @@ def problems(run, session):
     return [(", ".join(where), status) for status, where in once.items()]
 
 
-def used_views(run, session, sensor):
-    """Numbers of the views that have a member in the solve."""
-    r = run.residuals
-    if not len(r["view"]):
-        return set()
-    rows = (r["session"] == session) & (r["sensor"] == sensor) & (np.asarray(r["weight"]) > 0)
-    return set(np.asarray(r["view"])[rows].tolist())
-
-
 def row(run, session, sensor, target):
     """Counts from frame to solve of one sensor and target, and the reasons for every loss."""
     stream = run.sessions[session].streams[sensor]
@@ -108,7 +99,7 @@ def row(run, session, sensor, target):
         v: stream.outcomes[v] for v in views if v in stream.outcomes and not stream.outcomes[v].ok
     }
     extracted = [v for v in views if v in stream.outcomes and v not in failures]
-    solved = used_views(run, session, sensor)
+    solved = run.used_views.get((session, sensor), set())
     used = [v for v in extracted if v in solved]
     reasons = np.asarray(stream.views["reason"], str)[of_target & ~kept]
     frames = run.sessions[session].audit["sensors"].get(sensor, {}).get("messages", 0)

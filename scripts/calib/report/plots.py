@@ -1,9 +1,9 @@
 """Figures as inline SVG that follows the page's light or dark colours, as files, and for paper."""
 
-import base64
 import io
 import re
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import matplotlib
@@ -35,7 +35,10 @@ FONT = "Liberation Sans, Arial, DejaVu Sans, sans-serif"
 STYLE = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
+    # Matplotlib's own font, and it alone: each further name costs a search at every text.
+    "font.sans-serif": ["DejaVu Sans"],
     "font.size": 8,
+    "text.hinting": "no_hinting",
     "text.color": INK,
     "axes.labelcolor": INK,
     "axes.edgecolor": MUTED,
@@ -67,7 +70,7 @@ class Drawing:
     """A figure with its caption: an <svg> element, and the JPEG that paper shows in its stead.
 
     caption says what is seen, reading what good looks like; span: how many of the page's columns
-    it takes, 0 for all of them.
+    it takes, 0 for all of them. A photograph has no JPEG: paper shows its <svg>.
     """
 
     svg: str
@@ -88,10 +91,16 @@ def figure(width=WIDTH, height=HEIGHT, left=LEFT):
     return fig, axes[0]
 
 
-def panels(shares, width=WIDE, height=HEIGHT, left=LEFT, gap=LEFT):
-    """An empty figure and axes side by side, their widths in proportion to shares; inches."""
+@cache
+def take_style():
+    """Matplotlib's own defaults but for STYLE, whatever its user prefers; once, as it is slow."""
     matplotlib.rcdefaults()
     matplotlib.rcParams.update(STYLE)
+
+
+def panels(shares, width=WIDE, height=HEIGHT, left=LEFT, gap=LEFT):
+    """An empty figure and axes side by side, their widths in proportion to shares; inches."""
+    take_style()
     fig = Figure((width, height), dpi=DPI)
     room = width - left - RIGHT - gap * (len(shares) - 1)
     axes, at = [], left
@@ -113,23 +122,23 @@ def _place_labels(fig, ax):
     ax.xaxis.set_label_coords(0.5, 0, transform=offset[1])
 
 
-def drawing(fig, name, label, caption, span=1, vector=False):
-    """The Drawing of a figure; vector: sparse enough to stay one on paper.
-
-    What a caption says from "Good:" on is its reading.
-    """
+def drawing(fig, name, label, caption, span=1):
+    """The Drawing of a figure; what its caption says from "Good:" on is its reading."""
     seen, good, reading = caption.partition("Good:")
-    svg, raster = to_svg(fig, name, label), None if vector else to_jpeg(fig)
-    return Drawing(svg, raster, seen.strip(), (good + reading).strip(), span)
+    reading = (good + reading).strip()
+    return Drawing(to_svg(fig, name, label), to_jpeg(fig), seen.strip(), reading, span)
 
 
 def to_jpeg(fig):
-    """The figure on white, as JPEG bytes, which a PDF takes as they are; PNG is packed anew."""
+    """The figure on white, as JPEG bytes, which a PDF takes as they are; PNG is packed anew.
+
+    On paper an SVG would take longer than this: every element of it is laid out.
+    """
     fig.patch.set_facecolor("white")
     fig.set_dpi(PAPER_DPI)
     canvas = FigureCanvasAgg(fig)
     canvas.draw()
-    bgr = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., 2::-1])
+    bgr = cv2.cvtColor(np.asarray(canvas.buffer_rgba()), cv2.COLOR_RGBA2BGR)
     return cv2.imencode(".jpg", bgr, JPEG)[1].tobytes()
 
 
@@ -142,14 +151,25 @@ def to_svg(fig, name, label):
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", "", svg, flags=re.S)
-    svg = re.sub(r'<g id="[^"]*"', "<g", svg)
+    svg = _ungrouped(re.sub(r'<g id="[^"]*"', "<g", svg))
     svg = svg.replace("xlink:href", "href")
-    svg = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font-size: \1px", svg)
+    svg = re.sub(r" font-family: [^;\"]*;| transform=\"rotate\(-0 [^\"]*\"|\n", "", svg)
     for light, colour in THEME.items():
         svg = svg.replace(light, colour)
     box = re.search(r'viewBox="[^"]*"', svg)[0]
     opening = f'<svg class="plot" role="img" aria-label="{label}" {box}>'
     return re.sub(r"<svg.*?>", lambda _: opening, svg, count=1, flags=re.S)
+
+
+def _ungrouped(svg):
+    """The SVG without groups that say nothing, which are half of its elements."""
+    kept, parts = [], []
+    for part in re.split(r"(<g\b[^>]*>|</g>)", svg):
+        if part.startswith("<g"):
+            kept.append(part != "<g>")
+        said = kept.pop() if part == "</g>" else part != "<g>"
+        parts.append(part.strip() if said else "")
+    return "".join(parts)
 
 
 def alone(svg):
@@ -160,11 +180,10 @@ def alone(svg):
 
 
 def on_paper(drawn):
-    """<img> of a Drawing."""
-    kind, data = "jpeg", drawn.raster
-    if data is None:
-        kind, data = "svg+xml", alone(drawn.svg).encode()
-    return f'<img alt="" src="data:image/{kind};base64,{base64.b64encode(data).decode()}">'
+    """(media type, bytes) of a Drawing."""
+    if drawn.raster is None:
+        return "image/svg+xml", alone(drawn.svg).encode()
+    return "image/jpeg", drawn.raster
 
 
 def sheet(drawn, columns):

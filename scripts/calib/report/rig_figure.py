@@ -26,7 +26,7 @@ def draw(run):
     known = any(run.truth(n) is not None for n in solved)
     caption = captions.RIG + (captions.RIG_TRUTH if known else "")
     label = "The sensors on the robot, and the standard deviations of their poses"
-    return plots.drawing(fig, "rig", label, caption, span=0, vector=True)
+    return plots.drawing(fig, "rig", label, caption, span=0)
 
 
 def _seen(ax, run, solved, at):
@@ -49,12 +49,18 @@ def _seen(ax, run, solved, at):
 
 
 def _names(ax, run, solved, at):
-    """Names above their sensors, each on a line of its own."""
+    """Names above or below their sensors, each on a line of its own."""
     origins = {n: run.T_robot_sensor(n)[at, 3] for n in solved}
+    heights = [y for _, y in origins.values()]
+    middle = (min(heights) + max(heights)) / 2
     line = dict(arrowstyle="-", color=MUTED, lw=0.4)
-    for k, name in enumerate(sorted(solved, key=lambda n: origins[n][0])):
-        where = dict(xytext=(0, 8 + 9 * (k % 4)), textcoords="offset points", ha="center")
-        ax.annotate(name, origins[name], arrowprops=line, fontsize=6.5, **where)
+    for side, va in ((1, "bottom"), (-1, "top")):
+        names = [n for n in solved if (origins[n][1] >= middle) == (side > 0)]
+        for k, name in enumerate(sorted(names, key=lambda n: origins[n][0])):
+            where = dict(xytext=(0, side * (8 + 9 * (k % 4))), textcoords="offset points")
+            ax.annotate(
+                name, origins[name], arrowprops=line, fontsize=6.5, ha="center", va=va, **where
+            )
 
 
 def _looks(run, name):
@@ -83,7 +89,8 @@ def _bars(ax, run, solved, part, unit):
         if T_true is not None:
             off = np.abs(extrinsics.difference(T, T_true)[rows])
             ax.plot(x, off, "D", ms=3.2, color=INK)
-    ax.set_xticks(range(len(solved)), solved, rotation=15 if len(solved) > 2 else 0, fontsize=6)
+    ax.xaxis.set_ticks(range(len(solved)), solved)
+    ax.tick_params(axis="x", labelsize=6, labelrotation=15 if len(solved) > 2 else 0)
     for k, number in enumerate(NUMBERS[part]):
         ax.bar(0, 0, color=(BLUE, CYCLE[1], CYCLE[3])[k], label=number)
     ax.set(ylabel=f"σ, {unit}", title=("position σ", "rotation σ")[part])

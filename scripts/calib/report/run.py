@@ -64,6 +64,18 @@ class Run:
             out[sensor] = {k: tables.select(rows, here) for k, here in kinds.items()}
         return out
 
+    @cached_property
+    def used_views(self):
+        """{(session, sensor): numbers of the views that have a member in the solve}."""
+        out = {}
+        for sensor, kinds in self.by_sensor.items():
+            for c in kinds.values():
+                member = np.asarray(c["weight"]) > 0
+                for session in np.unique(c["session"][member]).tolist():
+                    views = c["view"][member & (c["session"] == session)]
+                    out.setdefault((session, sensor), set()).update(np.unique(views).tolist())
+        return out
+
     @property
     def sensors(self):
         """Content of calibration.json by sensor, in order of name."""
@@ -78,6 +90,11 @@ class Run:
         """The true T_robot_sensor (4, 4) where it was given, or None."""
         known = self.options.get("truth", {})
         return rig.pose(known[sensor]) if sensor in known else None
+
+    @property
+    def strangers(self):
+        """Names of sensors of which a truth was given and that the calibration does not know."""
+        return sorted(set(self.options.get("truth", {})) - set(self.sensors))
 
     def T_robot_target(self, session, placement, configured=False):
         """Mean pose (4, 4) of a placement's target; its mount as estimated, or as configured."""
