@@ -32,6 +32,11 @@ def read_views(sensor, frames, placements, guess, options):
     return cropping.rows(sensor, shapes, frames, *where, message_of, options["crop"])
 
 
+def held(notes):
+    """Status of every target in the session: whether it is ever still in front of the robot."""
+    return [Status.from_dict(note) for _, note in sorted(notes.items())]
+
+
 def seen(name, rows):
     """Ok, or why a sensor has no view at all."""
     if any(r["kept"] for r in rows):
@@ -60,14 +65,14 @@ def main(argv=None):
     logs.require_same(options["log"], stage.read_json(args.audit)["fingerprint"])
     sensor = cropping.KINDS[options["sensor"]["kind"]](options["sensor"])
     guess = stage.read_json(args.guess)
-    placements, gated, _ = tables.read(args.placements, tables.PLACEMENTS)
+    placements, gated, notes = tables.read(args.placements, tables.PLACEMENTS)
     frames, _, _ = tables.read(args.frames, tables.FRAMES)
     guessed = Status.from_dict(guess["status"])
     status, rows = gated if guessed.ok else guessed, []
     if status.ok:
         mine = tables.select(frames, frames["sensor"] == name)
         rows = read_views(sensor, mine, placements, guess, options)
-        status = seen(name, rows)
+        status = seen(name, rows) if any(s.ok for s in held(notes)) else held(notes)[0]
     table = {k: [r[k] for r in rows] for k in sensor.schema.names if k != "view"}
     table["view"] = np.arange(len(rows))
     tables.write(args.output, sensor.schema, table, status)

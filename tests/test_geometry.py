@@ -382,3 +382,9 @@ def test_frames_without_a_way_between_them_have_no_pose():
     edges = {("a", "b"): np.eye(4), ("c", "d"): np.eye(4)}
     assert frames.chain(edges, "a", "d") is None
     assert frames.chain({}, "a", "a") == pytest.approx(np.eye(4))
+
+
+def test_no_pose_is_made_of_no_rows_of_a_table_that_may_only_be_read():
+    xyz, quat = np.zeros((0, 3)), np.zeros((0, 4))
+    quat.flags.writeable = False
+    assert geometry.from_xyz_quat(xyz, quat).shape == (0, 4, 4)

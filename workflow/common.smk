@@ -147,7 +147,7 @@ def report_options(w):
     shown = {"sensors": sensors, "targets": targets, "sessions": used}
     # No other job may ever see the truth.
     if "truth" in rig:
-        shown["truth"] = {s: T for s, T in rig["truth"].items() if s in sensors}
+        shown["truth"] = rig["truth"]
     return options(rig=w.rig, body=rig["body"], report=CONFIG["report"], **shown)
 
 

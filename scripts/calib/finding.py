@@ -1,6 +1,9 @@
 """A target in one lidar scan: clusters, the shape fitted to each, a score of place and size."""
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from calib import geometry, views
 from calib.status import OK, failed
@@ -8,11 +11,10 @@ from calib.status import OK, failed
 
 def clusters(points, tolerance):
     """Cluster number (n,) of points (n, 3): neighbours within tolerance, m, belong together."""
-    # Imported here: open3d costs 2 s, which only jobs that cluster should pay.
-    import open3d as o3d
-
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    return np.asarray(cloud.cluster_dbscan(tolerance, min_points=1))
+    pairs = cKDTree(points).query_pairs(tolerance, output_type="ndarray")
+    n = len(points)
+    linked = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    return connected_components(linked, directed=False)[1]
 
 
 def extent(points):

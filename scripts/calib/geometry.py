@@ -89,7 +89,7 @@ def pose(R=None, t=None):
 
 def from_xyz_quat(xyz, quat_xyzw):
     """(..., 4, 4) from xyz (..., 3), m, and quaternions xyzw (..., 4)."""
-    q = np.asarray(quat_xyzw, float)
+    q = np.array(quat_xyzw, float)  # a copy: SciPy writes to what it is given
     R = Rotation.from_quat(q.reshape(-1, 4)).as_matrix().reshape(q.shape[:-1] + (3, 3))
     return pose(R, xyz)
 

@@ -135,12 +135,12 @@ def body_audit(columns, name):
 
 def _unseen(name, seen):
     near = difflib.get_close_matches(name, seen, 1)
-    remedy = "Check `body`, `mocap.topics` and `mocap.map`."
+    remedy = "check `body`, `mocap.topics` and `mocap.map`, the parent frame of the poses"
     return failed(
         f"MCS body {name} is not in the log",
         f"bodies {', '.join(seen) or 'none'}",
         name,
-        f"Did you mean {near[0]}?" if near else remedy,
+        f"did you mean {near[0]}?" if near else remedy,
     )
 
 
@@ -160,7 +160,7 @@ def _heard(sensor, topics, messages):
     topic, kinds = sensor["topic"], KINDS[sensor["kind"]]
     if topic not in topics:
         near = difflib.get_close_matches(topic, topics, 1)
-        remedy = f"Did you mean {near[0]}?" if near else "Check the sensor's `topic`."
+        remedy = f"did you mean {near[0]}?" if near else "check the sensor's `topic`"
         found = ", ".join(sorted(topics)) or "no topic at all"
         return failed(f"topic {topic} is not in the log", found, topic, remedy)
     if topics[topic][0] not in kinds:

@@ -3,7 +3,6 @@
 import io
 import re
 from dataclasses import dataclass
-from functools import cache
 
 import cv2
 import matplotlib
@@ -34,7 +33,7 @@ NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/
 FONT = "Liberation Sans, Arial, DejaVu Sans, sans-serif"
 STYLE = {
     "svg.fonttype": "none",
-    "font.family": "sans-serif",
+    "font.family": ["sans-serif"],
     # Matplotlib's own font, and it alone: each further name costs a search at every text.
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 8,
@@ -91,11 +90,11 @@ def figure(width=WIDTH, height=HEIGHT, left=LEFT):
     return fig, axes[0]
 
 
-@cache
 def take_style():
-    """Matplotlib's own defaults but for STYLE, whatever its user prefers; once, as it is slow."""
-    matplotlib.rcdefaults()
-    matplotlib.rcParams.update(STYLE)
+    """Matplotlib's defaults but for STYLE, whatever its user prefers; slow, so only if needed."""
+    if any(matplotlib.rcParams[k] != v for k, v in STYLE.items()):
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(STYLE)
 
 
 def panels(shares, width=WIDE, height=HEIGHT, left=LEFT, gap=LEFT):
