@@ -28,7 +28,7 @@ def parse(argv):
     add = parser.add_argument
     add("work", type=Path, metavar="WORK", help="an own folder; 2 GB of logs are written there")
     add("--quick", action="store_true", help="the smallest N of every row, one log of each")
-    add("--seeds", type=int, default=2, help="logs per line of the table in a full run")
+    add("--seeds", type=int, default=1, help="logs per line of the table in a full run")
     add("--cores", type=int, default=2)
     add("--docs", type=Path, default=ROOT / "docs", help="where a full run writes")
     add("--keep-logs", action="store_true", help="use logs that an earlier run left in WORK")

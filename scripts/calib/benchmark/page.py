@@ -229,9 +229,9 @@ What a camera finds, against the truth:
 ## Cost
 
 {about}, to extrinsics by default settings: {wall} s wall from the log to solution.json,
-Snakemake's own start apart. The figures of a stage are of its jobs, start of Python included; wall
-times hold for a machine without other work. The goal's case is 2 lidars + 1 camera, 30 placements
-each, 1.7 GB.
+Snakemake's own start apart. The figures of a stage are of its jobs, start of Python included. CPU
+times are the safer ones: wall times grow with whatever else the machine does meanwhile. The goal's
+case is 2 lidars + 1 camera, 30 placements each, 1.7 GB.
 
 {speed}
 
