@@ -9,8 +9,9 @@ the rig (calib/sim/rigs.py) names for it, and move smoothly in between. Into OUT
 
 Surfaces are met exactly, points are taken while the lidar turns, pixels are integrals. The same
 arguments give the same bytes; a noise switched on or off leaves rig and placements as they are.
---rig sim: one lidar, one camera, no noise. --rig demo: two lidars and two cameras whose views do
-not overlap, two sessions, the noise of a laboratory.
+--rig sim: one lidar, one camera, no noise. --rig round: a lidar alone, the targets all round it.
+--rig demo: two lidars and two cameras whose views do not overlap, two sessions, the noise of a
+laboratory.
 """
 
 import argparse
