@@ -76,6 +76,9 @@ def speed(logs, run, cases, cores):
     folder, results = logs / plan.SPEED, logs / plan.SPEED / "results"
     rig = folder / "config" / "rigs" / f"{plan.SPEED_RIG}.yaml"
     rig.write_text(yaml.safe_dump(plan.speed_rig(yaml.safe_load(rig.read_text()))))
+    settings = folder / "config" / "config.yaml"
+    sessions = yaml.safe_load(settings.read_text())["sessions"]
+    settings.write_text(yaml.safe_dump({"sessions": sessions}))
     shutil.rmtree(results, ignore_errors=True)
     # Made twice: the second time there is nothing to do but to find that out.
     wanted = f"results/{plan.SPEED_RIG}/solution.json"

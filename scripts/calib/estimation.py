@@ -205,7 +205,10 @@ def mocap_scale(setup, state, information):
     would pass for an error of the MCS.
     """
     exact = np.repeat([setup.targets[p.target].points is None for p in setup.placements], 2)
-    known = 1 - np.diag(covariance(information))[6 * len(setup.models) :].reshape(-1, 6)
+    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scaled = scale[:, None] * information * scale + ROUNDING * np.eye(len(scale))
+    errors = slice(6 * len(setup.models), None)
+    known = 1 - (scale[errors] ** 2 * np.diag(np.linalg.inv(scaled))[errors]).reshape(-1, 6)
     determined = np.sum(known[exact])
     if determined < 1:
         return state.mocap

@@ -79,7 +79,8 @@ def margin_px(camera, p_camera, margin):
     uv, valid = camera.project(around)
     if not (valid[0] and valid[1:].any()):
         return float(max(camera.size))
-    return float(np.linalg.norm(uv[1:] - uv[0], axis=1)[valid[1:]].max())
+    beside = np.linalg.norm(uv[1:] - uv[0], axis=1)[valid[1:]].max()
+    return float(min(beside, max(camera.size)))
 
 
 def cone(points, target, T_sensor_target, margin):

@@ -6,7 +6,7 @@ import numpy as np
 import yaml
 
 from calib.geometry import to_quat, to_rpy
-from calib.sim import record, scene
+from calib.sim import record, rigs, scene
 
 MCS_FLOOR_M, MCS_FLOOR_DEG = 1e-8, 1e-6
 RANGE_FLOOR_M = 0.001
@@ -81,7 +81,7 @@ def write_config(folder, name, sessions, guesses):
     """Write config.yaml, rigs/<name>.yaml and targets/*.yaml below folder."""
     rig, args, targets = sessions[0].rig, sessions[0].args, sessions[0].mounts
     logs = {s.name: {"rig": name, "log": log_path(s.name)} for s in sessions}
-    files = {"config.yaml": {"sessions": logs}}
+    files = {"config.yaml": {"sessions": logs, **rigs.SETTINGS.get(name, {})}}
     files[f"rigs/{name}.yaml"] = rig_config(rig, guesses, args)
     for target in targets:
         files[f"targets/{target}.yaml"] = target_config(target, args)

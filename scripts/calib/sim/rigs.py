@@ -83,6 +83,9 @@ LIDARS = {  # of --lidar: cloud format and scan pattern
     "plain": ("plain", "beams16"),
     "livox": ("livox", "rosette"),
 }
+SETTINGS = {  # blocks of config.yaml: the demo is to be over within a minute
+    "demo": {"crop": {"max_frames": 3}, "report": {"max_overlays": 3}},
+}
 RIGS = {
     "sim": Rig(
         sensors={
