@@ -84,7 +84,11 @@ LIDARS = {  # of --lidar: cloud format and scan pattern
     "livox": ("livox", "rosette"),
 }
 SETTINGS = {  # blocks of config.yaml: the demo is to be over within a minute
-    "demo": {"crop": {"max_frames": 3}, "report": {"max_overlays": 3}},
+    "demo": {
+        "crop": {"max_frames": 4},
+        "solve": {"tolerance_m": 1e-6, "tolerance_rad": 1e-6},  # a hundredth of its σ and less
+        "report": {"max_overlays": 2},
+    },
 }
 RIGS = {
     "sim": Rig(
