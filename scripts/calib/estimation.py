@@ -176,14 +176,20 @@ def _scale(kind, sizes, own, before):
     return max(found, SHRINK * before, rounding / own)
 
 
+def to_unit(information):
+    """Factors (n,) of the unknowns that give each unit information, and the matrix (n, n) then."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    return scale, scale[:, None] * information * scale
+
+
 def eigen(information):
     """Eigenvalues (n,), eigenvectors (n, n) in the units of the unknowns, and which are rounding.
 
     Taken after scaling every unknown to unit information, for measurements of a micrometre beside
     pose priors of a tenth of a millimetre leave no other way through double precision.
     """
-    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
+    scale, scaled = to_unit(information)
+    values, vectors = np.linalg.eigh(scaled)
     return values, scale[:, None] * vectors, values <= ROUNDING * values[-1]
 
 
@@ -205,8 +211,8 @@ def mocap_scale(setup, state, information):
     would pass for an error of the MCS.
     """
     exact = np.repeat([setup.targets[p.target].points is None for p in setup.placements], 2)
-    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    scaled = scale[:, None] * information * scale + ROUNDING * np.eye(len(scale))
+    scale, scaled = to_unit(information)
+    scaled += ROUNDING * np.eye(len(scale))
     errors = slice(6 * len(setup.models), None)
     known = 1 - (scale[errors] ** 2 * np.diag(np.linalg.inv(scaled))[errors]).reshape(-1, 6)
     determined = np.sum(known[exact])

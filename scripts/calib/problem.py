@@ -84,7 +84,7 @@ class Problem:
         """
         mean, sigma = prior
         terms = Terms(self, data, T_robot_sensor, sigmas, prior)
-        x, scale, stats = _minimum(terms, np.concatenate([np.zeros(mean.size), y.reshape(-1)]))
+        x, stats = _minimum(terms, np.concatenate([np.zeros(mean.size), y.reshape(-1)]))
         xi, y = x.reshape(-1, 6)[: self.n_sensors], x.reshape(-1, 6)[self.n_sensors :]
         T = T_robot_sensor @ geometry.se3_exp(xi)
         there = Terms(self, data, T, sigmas, (mean + xi, sigma))
@@ -221,7 +221,7 @@ class _Evaluation(ca.Callback):
 
 
 def _minimum(terms, x0):
-    """(optimum x (n,), factor by which the cost was scaled, IPOPT's account) from x0 (n,).
+    """(optimum x (n,), IPOPT's account) from x0 (n,).
 
     The cost is scaled so that the largest curvature is one: tolerances then mean steps, in m, rad.
     """
@@ -248,7 +248,7 @@ def _minimum(terms, x0):
     x = ca.MX.sym("x", n)
     solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": value(x)}, OPTIONS | own)
     found = solver(x0=x0)
-    return np.array(found["x"]).reshape(-1), scale, solver.stats()
+    return np.array(found["x"]).reshape(-1), solver.stats()
 
 
 def _pattern(problem):

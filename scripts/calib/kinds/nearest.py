@@ -33,6 +33,20 @@ def centred(tree, T_sensor_target, keypoints):
     return tree.data.mean(0) - q.mean(0)
 
 
+def against(tree_of):
+    """(assign, first) of a kind whose measurements belong to points of tree_of(target)."""
+
+    def assign_to(lidar, target, T_sensor_target, keypoints, options, scale):
+        return assign(tree_of(target), T_sensor_target, keypoints, options, scale, 0.0)
+
+    def first(lidar, target, T_sensor_target, keypoints, options, scale):
+        tree = tree_of(target)
+        shift = centred(tree, T_sensor_target, keypoints)
+        return assign(tree, T_sensor_target, keypoints, options, scale, shift)
+
+    return assign_to, first
+
+
 def residual(R, t, d):
     """Paper equation 2: a measured point minus the target's point it belongs to, over σ; (3)."""
     return (d[:3] - R @ d[3:6] - t) * d[6]

@@ -4,19 +4,7 @@ from calib.kinds import nearest
 
 UNIT, ROUNDING = "m", 1e-6
 DATA = ("x", "y", "z", "tx", "ty", "tz", "weight")
-
-
-def assign(lidar, target, T_sensor_target, keypoints, options, scale):
-    """Every return with the nearest template point."""
-    tree = target.points.tree
-    return nearest.assign(tree, T_sensor_target, keypoints, options, scale, 0.0)
-
-
-def first(lidar, target, T_sensor_target, keypoints, options, scale):
-    """As assign, with the centroids laid on each other."""
-    tree = target.points.tree
-    shift = nearest.centred(tree, T_sensor_target, keypoints)
-    return nearest.assign(tree, T_sensor_target, keypoints, options, scale, shift)
+assign, first = nearest.against(lambda target: target.points.tree)
 
 
 def residual(lidar, target):
