@@ -80,6 +80,9 @@ rule guess:
     """Where to look: the first guess of a sensor's pose."""
     input:
         audit="results/{rig}/{session}/log.json",
+        placements=where_searched("results/{rig}/{session}/placements.parquet"),
+        frames=where_searched("results/{rig}/{session}/frames.parquet"),
+        log=lambda w: ancient(log_files(w)) if searched(w) else [],
         code=code("guess"),
     output:
         "results/{rig}/{session}/{sensor}/guess.json",
@@ -90,8 +93,8 @@ rule guess:
     params:
         options=guess_options,
     shell:
-        "python {input.code[0]:q} --audit {input.audit:q} --output {output:q}"
-        " --options {params.options:q} 2> {log:q}"
+        "python {input.code[0]:q} --audit {input.audit:q} --placements {input.placements:q}"
+        " --frames {input.frames:q} --output {output:q} --options {params.options:q} 2> {log:q}"
 
 
 rule crop:

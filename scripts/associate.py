@@ -8,7 +8,7 @@ Decides with calib.kinds, from the pose that extract worked out for each sensor.
 
 import numpy as np
 
-from calib import estimation, placements, rig, stage, tables, targets
+from calib import cropping, estimation, extraction, placements, rig, stage, tables, targets
 from calib.stage import logger
 
 
@@ -23,7 +23,8 @@ def assigned(name, keypoints, T_robot_sensor, places, options, shapes):
         associate=options["associate"],
         prior={},
     )
-    state = estimation.start(setup, {name: T_robot_sensor}, 3.0)
+    noise = extraction.NOISE[options["sensors"][name]["kind"]]
+    state = estimation.start(setup, {name: T_robot_sensor}, noise)
     parts = [
         g.keypoints | {"sensor": np.full(len(a.feature), name), "feature": a.feature}
         for g, a in zip(setup.groups, estimation.assign_first(setup, state), strict=True)
@@ -42,14 +43,15 @@ def main(argv=None):
     options = args.options
     shapes = {n: targets.from_config(c) for n, c in options["targets"].items()}
     table, _, _ = tables.read(args.placements, tables.PLACEMENTS)
-    places = placements.still(table, "", options["targets"], options["mocap"])
     parts, notes = [], {}
     for path, name in zip(args.keypoints, sorted(options["sensors"]), strict=True):
         keypoints, status, found = tables.read(path, tables.KEYPOINTS)
         notes[name] = {k: found[k] for k in ("T_robot_sensor", "guess")}
         notes[name]["status"] = status.to_dict()
         if status.ok:
-            T = np.array(found["T_robot_sensor"])
+            T, blocks = np.array(found["T_robot_sensor"]), options["targets"]
+            mounts = cropping.mounts(blocks, found["guess"])
+            places = placements.still(table, "", blocks, options["mocap"], mounts)
             parts.append(assigned(name, keypoints, T, places, options, shapes))
             share = np.mean(parts[-1]["feature"] >= 0)
             logger.info(

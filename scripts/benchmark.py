@@ -16,7 +16,7 @@ from pathlib import Path
 
 import yaml
 
-from calib.benchmark import chart, collect, cost, measure, page, plan, rows
+from calib.benchmark import chart, collect, cost, many, measure, page, plan, rows, statistics
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -28,7 +28,7 @@ def parse(argv):
     add = parser.add_argument
     add("work", type=Path, metavar="WORK", help="an own folder; 2 GB of logs are written there")
     add("--quick", action="store_true", help="the smallest N of every row, one log of each")
-    add("--seeds", type=int, default=1, help="logs per line of the table in a full run")
+    add("--draws", type=int, help="of the noise, per line; default 100, or 4 in a quick run")
     add("--cores", type=int, default=2)
     add("--docs", type=Path, default=ROOT / "docs", help="where a full run writes")
     add("--keep-logs", action="store_true", help="use logs that an earlier run left in WORK")
@@ -65,7 +65,12 @@ def write_config(run, logs, cases):
         body = collect.simulated(log, f"targets/{case.row.target}")
         files[f"targets/{case.target}.yaml"] = plan.target(case, body)
     settings = {"sessions": sessions, "crop": plan.crop(plan.home(cases[0]))}
-    for name, content in {"config.yaml": settings, **files}.items():
+    write_files(run, {"config.yaml": settings, **files})
+
+
+def write_files(run, files):
+    """Write the contents of files by name, below the config of a working directory."""
+    for name, content in files.items():
         path = run / "config" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(yaml.safe_dump(content, sort_keys=False))
@@ -94,11 +99,23 @@ def speed(logs, run, cases, cores):
     )
 
 
-def main(argv=None):
-    args = parse(argv)
-    logs, run = args.work.resolve() / "logs", args.work.resolve() / "run"
-    cases = rows.cases(args.quick, args.seeds)
-    commands = plan.simulations(cases, 5 if args.quick else 30)
+def full_runs(logs, run, count, cores):
+    """{sensor: Statistics} of so many small logs through the whole pipeline."""
+    names, sessions, files = plan.full_names(count), {}, {}
+    for name in names:
+        sessions[name] = {"rig": name, "log": str(collect.log_file(logs / name))}
+        files[f"rigs/{name}.yaml"] = plan.untold(collect.simulated(logs / name, "rigs/*"))
+    files["targets/board.yaml"] = collect.simulated(logs / names[0], "targets/*")
+    write_files(run, {"config.yaml": {"sessions": sessions}, **files})
+    snakemake(run, [f"results/{name}/calibration.json" for name in names], cores)
+    found = collect.full_runs(run, logs, names)
+    return {sensor: statistics.of_runs(draws) for sensor, draws in found.items()}
+
+
+def measured(work, cases, placements, draws, args):
+    """(Lines, cost.Speed, (draws, coverage, full runs)) of the cases, below the folder work."""
+    logs, run, runs = work / "logs", work / "run", max(1, draws // 5)
+    commands = plan.simulations(cases, placements, runs)
     with ThreadPoolExecutor(args.cores) as pool:
         folders = [logs / name for name in commands]
         list(pool.map(simulate, folders, commands.values(), [args.keep_logs] * len(folders)))
@@ -106,15 +123,24 @@ def main(argv=None):
         mine = [case for case in cases if plan.home(case) == home]
         write_config(run / home, logs, mine)
         snakemake(run / home, plan.jobs(mine), args.cores)
-    found = collect.outcomes(run, logs, cases)
-    lines = measure.lines(found)
+    lines = measure.lines(collect.outcomes(run, logs, cases))
     speeds = speed(logs, run, cases, args.cores)
-    text = page.whole(lines, speeds, args.quick, args.seeds)
+    pending = many.tasks(run, logs, collect.load(run)[0], cases, draws)
+    drawn, covered = many.everything(pending, 10 * draws, args.cores)
+    return lines, speeds, (drawn, covered, full_runs(logs, run / "full", runs, args.cores))
+
+
+def main(argv=None):
+    args = parse(argv)
+    draws = args.draws or (4 if args.quick else 100)
+    sizes = rows.cases(args.quick), 5 if args.quick else 30, draws
+    lines, speeds, found = measured(args.work.resolve(), *sizes, args)
+    text = page.whole(lines, speeds, found, args.quick)
     print(text)
     if not args.quick:
         args.docs.mkdir(parents=True, exist_ok=True)
         (args.docs / "benchmark.md").write_text(text)
-        (args.docs / "benchmark.svg").write_bytes(chart.svg(lines))
+        (args.docs / "benchmark.svg").write_bytes(chart.svg(lines, found[0]))
 
 
 if __name__ == "__main__":

@@ -4,13 +4,14 @@ Reads   placements.parquet, frames.parquet, guess.json, log.json, and the log at
 Writes  views.parquet: one row per (frame, target) considered, kept or not, with its reason; for
         the kept all beams in the angular window around the target at any range with their ring
         and time, or the image region as PNG bytes with its offset
-Decides by field of view, stillness and newness of the pose against all kept ones. Windows grow by
-        the uncertainty of the guess: no later stage depends on where within it the guess lies.
+Decides by field of view, stillness and newness of the pose. Windows and limits grow by the
+        uncertainty of the guess, so that no later stage depends on where within it the guess lies:
+        what is kept is a superset, of which extract takes what is in view from the pose it finds.
 """
 
 import numpy as np
 
-from calib import cropping, geometry, logs, rig, stage, tables, targets
+from calib import cropping, logs, stage, tables, targets
 from calib.stage import logger
 from calib.status import OK, Status, failed
 
@@ -18,18 +19,13 @@ from calib.status import OK, Status, failed
 def read_views(sensor, frames, placements, guess, options):
     """Rows of views.parquet of a sensor whose guess and placements are known."""
     log = logs.open_log(options["log"])
-    shapes = {n: targets.from_config(c) for n, c in options["targets"].items()}
-    mounts = {n: rig.pose(c["T_body_target"]) for n, c in options["targets"].items()}
-    T_sensor_robot = geometry.inverse(np.array(guess["T_robot_sensor"]["matrix"]))
-    T_sensor_target = T_sensor_robot @ cropping.placed(placements, mounts)
+    mounts = cropping.mounts(options["targets"], guess)
+    shapes = {n: targets.from_config(options["targets"][n]) for n in mounts}
+    poses = cropping.placed(placements, mounts), np.array(guess["T_robot_sensor"]["matrix"])
     margin = options["crop"]["margin_sigma"] * np.array(guess["sigma"])
-
-    def message_of(i):
-        place = (int(frames[k][i]) for k in ("file", "log_t", "ordinal"))
-        return log.message(options["sensor"]["topic"], *place)
-
-    where = placements, T_sensor_target, margin
-    return cropping.rows(sensor, shapes, frames, *where, message_of, options["crop"])
+    message_of = cropping.reader(log, options["sensor"]["topic"], frames)
+    where = frames, placements, poses, margin
+    return cropping.rows(sensor, shapes, *where, message_of, options["crop"])
 
 
 def held(notes):

@@ -9,7 +9,7 @@ Starts from the guess and refines its working pose over its own views; never fro
 
 import numpy as np
 
-from calib import extraction, placements, rig, stage, tables, targets
+from calib import cropping, extraction, placements, rig, stage, tables, targets
 from calib.extraction import job
 from calib.stage import logger
 from calib.status import OK, failed
@@ -19,17 +19,18 @@ SCHEMAS = {"camera": tables.VIEWS_CAMERA, "lidar": tables.VIEWS_LIDAR}
 
 def job_of(options, model, table, guess):
     """What extraction needs to know of this sensor and session."""
-    sigma = np.array(guess["sigma"])
+    sigma, mounts = np.array(guess["sigma"]), cropping.mounts(options["targets"], guess)
     return job.Job(
         name=options["name"],
         model=model,
         targets={n: targets.from_config(c) for n, c in options["targets"].items()},
-        places=placements.still(table, "", options["targets"], options["mocap"]),
+        places=placements.still(table, "", options["targets"], options["mocap"], mounts),
         T_robot_sensor=np.array(guess["T_robot_sensor"]["matrix"]),
         sigma=sigma,
-        margin=options["margin_sigma"] * sigma,
+        margin=options["crop"]["margin_sigma"] * sigma,
         options=options["extract"],
         associate=options["associate"],
+        crop=options["crop"],
     )
 
 

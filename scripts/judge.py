@@ -14,7 +14,8 @@ SCHEMA_VERSION = 1
 def calibration(solution, overall, reasons, levels):
     """The content of calibration.json."""
     keep = ("kind", "frame", "status", "guess", "T_robot_sensor", "covariance", "weakest")
-    keep += ("placements", "observations", "points", "rejected", "residual")
+    keep += ("placements", "observations", "points", "rejected", "residual", "undetermined")
+    keep += ("left_out", "fit", "held_out", "predicted")
     sensors = {
         name: {k: sensor[k] for k in keep}
         | {"verdict": levels[name], "time_offset_s": None, "intrinsics": None}
@@ -27,6 +28,9 @@ def calibration(solution, overall, reasons, levels):
         "reasons": reasons,
         "sensors": sensors,
         "joint_covariance": solution["joint_covariance"],
+        "pairs": solution["pairs"],
+        "suspicions": solution["suspicions"],
+        "influences": solution["influences"],
         "targets": solution["targets"],
         "sessions": dict.fromkeys(solution["provenance"]["sessions"]),
         "noise": solution["noise"],
@@ -44,14 +48,16 @@ def main(argv=None):
     ).parse_args(argv)
     limits = args.options["judge"]
     solution = stage.read_json(args.solution)
-    overall, reasons, levels = verdict.of_rig(solution, limits)
+    overall, findings, levels = verdict.of_rig(solution, limits)
+    reasons = [f["text"] for f in findings]
     result = calibration(solution, overall, reasons, levels)
     stage.write_json(args.calibration, config.complete("calibration", result, args.calibration))
-    judged = {"verdict": overall, "reasons": reasons, "sensors": levels, "limits": limits}
+    judged = {"verdict": overall, "reasons": reasons, "findings": findings}
+    judged |= {"sensors": levels, "limits": limits}
     stage.write_json(args.verdict, config.complete("verdict", judged, args.verdict))
     logger.info("%s: %s", solution["rig"], overall)
-    for reason in reasons:
-        logger.info("%s", reason)
+    for f in findings:
+        logger.info("%s: %s; %s", f["level"], f["text"], f["remedy"])
 
 
 if __name__ == "__main__":

@@ -15,6 +15,8 @@ from calib import stage
 from calib.report import (
     coverage,
     coverage_figures,
+    evidence,
+    evidence_figures,
     extrinsics,
     figures,
     funnel,
@@ -42,6 +44,9 @@ def content(run):
         "strangers": run.strangers,
         "rig_figure": rig_figure.draw(run),
         "between": extrinsics.between(run),
+        "by_count": evidence_figures.sigma_by_count(run),
+        "suspicions": evidence.suspicions(run),
+        "held_out": evidence.held_out(run),
         "unknowns": summary.other_unknowns(run),
         "sessions": [session(run, name) for name in run.sessions],
         "coverage": [covered(run, n) for n in run.sensors],
@@ -67,12 +72,15 @@ def covered(run, name):
 
 def left_over(run, name):
     """Residuals of one sensor."""
+    plotted = figures.of_sensor(run, name)
+    alone = evidence_figures.influence(run, name) if plotted else None
     return {
         "name": name,
         "kind": run.sensors[name]["kind"],
         "rows": residuals.overview(run, name),
         "rejected": residuals.rejected(run, name),
-        "figures": figures.of_sensor(run, name),
+        "left_out": evidence.left_out(run, name),
+        "figures": plotted + ([alone] if alone else []),
     }
 
 

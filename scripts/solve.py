@@ -16,18 +16,31 @@ from calib.status import Status
 
 
 def read_sessions(args, options):
-    """(pairs columns, notes, placements by number) of every session, by name."""
+    """(pairs columns, notes, placements by number) of every session, by name, and the mounts that
+    guess found: T_body_target (4, 4) to start from, by target."""
+    read = [tables.read(path, tables.PAIRS) for path in args.pairs]
+    mounts = found_mounts([notes for _, _, notes in read])
     out = {}
-    paths = zip(options["sessions"], args.pairs, args.placements, strict=True)
-    for session, pairs_path, placements_path in paths:
-        pairs, _, notes = tables.read(pairs_path, tables.PAIRS)
-        table, _, _ = tables.read(placements_path, tables.PLACEMENTS)
-        places = placements.still(table, session, options["targets"], options["mocap"])
-        out[session] = pairs, notes, places
-    return out
+    for session, (pairs, _, notes), path in zip(
+        options["sessions"], read, args.placements, strict=True
+    ):
+        table, _, _ = tables.read(path, tables.PLACEMENTS)
+        known = options["targets"], options["mocap"], mounts
+        out[session] = pairs, notes, placements.still(table, session, *known)
+    return out, mounts
 
 
-def setup_of(sessions, options):
+def found_mounts(sessions):
+    """{target: T_body_target (4, 4)} of the first guess that found it; sessions: their notes."""
+    mounts = {}
+    for notes in sessions:
+        for _, note in sorted(notes.items()):
+            for target, mount in sorted(note["guess"]["mounts"].items()):
+                mounts.setdefault(target, np.array(mount["T_body_target"]["matrix"]))
+    return mounts
+
+
+def setup_of(sessions, mounts, options):
     """The Setup of everything that was measured, and each sensor's pose to start from."""
     places, groups, start = [], [], {}
     for pairs, notes, numbered in sessions.values():
@@ -45,6 +58,7 @@ def setup_of(sessions, options):
         groups=groups,
         associate=options["associate"],
         prior={},
+        mounts={n: T for n, T in mounts.items() if any(p.target == n for p in places)},
     )
     return setup, start
 
@@ -77,8 +91,8 @@ def main(argv=None):
         options="slice of the config",
     ).parse_args(argv)
     options = args.options
-    sessions = read_sessions(args, options)
-    setup, start = setup_of(sessions, options)
+    sessions, mounts = read_sessions(args, options)
+    setup, start = setup_of(sessions, mounts, options)
     result = estimation.estimate(setup, start, *limits(setup, options["solve"]), noise=10.0)
     known = statuses(sessions, options)
     stage.write_json(args.solution, solution.as_json(setup, result, known, options))

@@ -10,7 +10,17 @@ import yaml
 
 import benchmark
 from calib import estimation, geometry, reference, targets
-from calib.benchmark import chart, cost, measure, page, plan, rows
+from calib.benchmark import (
+    chart,
+    cost,
+    coverage,
+    measure,
+    page,
+    plan,
+    rows,
+    statistics,
+    statistics_page,
+)
 from calib.rig import Lidar
 
 ROOT = Path(__file__).parents[1]
@@ -79,16 +89,16 @@ def test_every_row_is_measured_by_the_default_method_and_lidars_by_points_too():
 
 
 def test_quick_takes_the_smallest_n_of_every_row_once():
-    quick = rows.cases(quick=True, seeds=3)
+    quick = rows.cases(quick=True)
     assert {(c.row.key, c.n) for c in quick} == {(r.key, min(r.counts)) for r in rows.ROWS}
     assert {c.seed for c in quick} == {1}
-    assert len({c.name for c in rows.cases(False, 3)}) == len(rows.cases(False, 3))
+    assert len({c.name for c in rows.cases(False)}) == len(rows.cases(False))
 
 
 def test_names_of_cases_are_names_that_a_config_may_hold():
     schema = yaml.safe_load((ROOT / "workflow/schemas/config.schema.yaml").read_text())
     pattern = re.compile(schema["$defs"]["name"]["pattern"])
-    for case in rows.cases(False, 1):
+    for case in rows.cases(False):
         assert pattern.match(case.name) and pattern.match(case.target)
 
 
@@ -109,7 +119,7 @@ SIMULATED = {
 @pytest.fixture
 def logs(tmp_path):
     """Folders as simulate.py leaves them, without a log's content."""
-    for name in plan.simulations(rows.cases(True, 1), 10):
+    for name in plan.simulations(rows.cases(True), 10, 1):
         files = {"rigs/sim.yaml": SIMULATED, "truth.json": {"secret": 1}}
         for target in ("board", "cylinder"):
             path = ROOT / f"config/targets/{target}.yaml"
@@ -124,7 +134,7 @@ def logs(tmp_path):
 
 
 def test_the_config_of_the_run_holds_guesses_and_no_word_of_the_truth(logs, tmp_path):
-    cases = rows.cases(True, 1)
+    cases = rows.cases(True)
     benchmark.write_config(tmp_path / "run", logs, cases)
     files = list((tmp_path / "run").rglob("*.yaml"))
     assert len(files) == 1 + len(cases) + len({c.target for c in cases})
@@ -137,7 +147,7 @@ def test_the_config_of_the_run_holds_guesses_and_no_word_of_the_truth(logs, tmp_
 
 
 def test_guesses_are_off_by_as_much_as_the_goals_ask():
-    for arguments in plan.simulations(rows.cases(False, 2), 30).values():
+    for arguments in plan.simulations(rows.cases(False), 30, 2).values():
         at = arguments.index("--guess-error-m")
         assert arguments[at : at + 4] == ["--guess-error-m", "0.03", "--guess-error-deg", "5"]
 
@@ -167,33 +177,45 @@ def made_up(key, n, error, method="surface", reference=(0.1, 0.01), **more):
     return measure.line(row(key), n, method, [outcome])
 
 
+def drawn(factor, count=100, size=1.0):
+    """The Statistics of draws whose errors are `factor` times the σ of which they tell, which is
+    `size` times the reference."""
+    rng = np.random.default_rng(5)
+    reference = np.diag(np.repeat([1e-4, 2e-4], 3) ** 2)
+    told = size**2 * reference
+    errors = factor * rng.multivariate_normal(np.zeros(6), told, count)
+    draws = [statistics.Draw(error, told) for error in errors]
+    return statistics.statistics(draws, reference, 4 * reference)
+
+
 RUN = cost.Speed("1 lidar", {"solve": cost.Cost(1, 2.5, 2, 90)}, 11.0, 2.0, [(20, 95), (300, 97)])
+COVERED = coverage.Coverage("lidar", 1000, {"velodyne": 0.95}, {"velodyne": 1.0}, {"velodyne": 6})
+FOUND = ({("diamond-lidar-noisy", 15): drawn(1.0)}, [COVERED], {"camera": drawn(1.0, 20)})
+
+
+def cells(text, n=0):
+    """{heading: cell} of row n of a Markdown table."""
+    head, _, *lines = text.splitlines()
+    return dict(zip(head.split(" | "), lines[n].split(" | "), strict=True))
 
 
 def test_the_table_states_error_goal_their_ratio_and_what_others_reach():
-    line = made_up("diamond-camera", 5, (0.02, 0.0003))
-    head, _, cells = page.accuracy([line]).splitlines()
-    found = dict(zip(head.split(" | "), cells.split(" | "), strict=True))
-    assert found["error"] == "0.02 mm 0.0003°" and found["goal"] == "0.01 mm 0.0003°"
-    assert found["error / goal"] == "2 1" and found["paper"] == "0.14 mm 0.034°"
+    found = cells(page.accuracy([made_up("diamond-lidar", 5, (0.002, 0.0001))]))
+    assert found["error"] == "0.002 mm 0.0001°" and found["goal"] == "0.001 mm 0.0001°"
+    assert found["error / goal"] == "2 1" and found["paper"] == "0.3 mm 0.0038°"
+
+
+def test_one_log_with_noise_is_shown_but_held_to_no_goal():
+    line = made_up("diamond-camera", 5, (9.0, 9.0))
+    assert cells(page.accuracy([line]))["goal"] == "–" and page.short_of(line) == []
 
 
 def test_what_is_not_reached_is_said_with_its_factor_and_nothing_else_is():
-    reached = made_up("diamond-camera", 5, (0.009, 0.0003))
     missed = made_up("diamond-lidar", 30, (0.003, 0.00005))
-    text = page.missed([reached, missed], RUN)
+    text = page.missed([missed], RUN, FOUND)
     assert "N = 30: 0.003 mm is 3 × the goal, 0.001 mm" in text
-    assert "camera" not in text and "°" not in text.split("N = 30")[1].splitlines()[0]
+    assert "°" not in text.split("N = 30")[1].splitlines()[0]
     assert "solve: 2.5 s, goal 1 s" in text and "not estimated by this version" in text
-
-
-def test_noisy_lines_are_held_against_the_reference_and_their_covariance():
-    bad = made_up("diamond-lidar-noisy", 15, (0.25, 0.011), nees=4.0)
-    found = page.short_of(bad)
-    assert any("1.15 × the reference" in s for s in found)
-    assert any("one log errs by 2.5 ×" in s for s in found)
-    assert any("NEES/6 is 4" in s for s in found)
-    assert page.short_of(made_up("diamond-lidar-noisy", 15, (0.1, 0.01))) == []
 
 
 def test_the_baseline_is_shown_but_not_held_to_the_goals():
@@ -202,10 +224,77 @@ def test_the_baseline_is_shown_but_not_held_to_the_goals():
 
 
 def test_the_page_holds_all_parts_and_the_chart_is_the_same_bytes_twice():
-    lines = [made_up("diamond-lidar", 5, (5.0, 0.6)), made_up("diamond-camera", 5, (0.1, 0.01))]
-    text = page.whole(lines, RUN, quick=True, seeds=1)
+    lines = [made_up("diamond-lidar", 5, (5.0, 0.6)), made_up("diamond-lidar-noisy", 15, (0.1, 1))]
+    text = page.whole(lines, RUN, FOUND, quick=True)
     assert "make benchmark-quick" in text and "95 MB on a log of 20 MB" in text
-    assert chart.svg(lines) == chart.svg(lines)
+    assert chart.svg(lines, FOUND[0]) == chart.svg(lines, FOUND[0])
+
+
+# --- many draws
+
+
+def test_draws_as_their_sigma_says_have_nees_1_in_its_band_and_95_percent_hold():
+    found = drawn(1.0, 2000)
+    low, high = statistics.band(2000)
+    assert low < found.nees < high and high - low == pytest.approx(
+        4 * (2 / (6 * 2000)) ** 0.5, 0.03
+    )
+    assert found.held == pytest.approx(0.95, abs=0.015)
+    assert found.rms == pytest.approx(found.reference, rel=0.03)
+    assert found.bare == pytest.approx(np.multiply(2, found.reference))
+
+
+def test_the_share_above_twice_the_reference_is_that_of_an_efficient_estimator():
+    found = drawn(1.0, 4000)
+    assert found.beyond == pytest.approx(found.usual, abs=0.006) and 0.005 < found.usual < 0.06
+
+
+def test_a_shift_of_a_sigma_that_no_draw_shows_alone_is_seen_in_their_mean():
+    rng, one = np.random.default_rng(1), np.eye(6)
+    shifted = [statistics.Draw(x + [0.5, 0, 0, 0, 0, 0], one) for x in rng.normal(size=(100, 6))]
+    found = statistics.statistics(shifted, one, one)
+    assert found.nees < 1.15 and found.shift > 3
+
+
+def test_draws_are_held_against_the_reference_and_their_covariance():
+    bad = {("diamond-lidar-noisy", 15): drawn(2.0)}
+    said = statistics_page.short_of(bad, [], {})
+    assert any("1.15 × the reference" in s for s in said)
+    assert any("err by more than 2 ×" in s and "efficient estimator" in s for s in said)
+    assert any("NEES over its degrees of freedom is" in s for s in said)
+    good = statistics_page.short_of({("diamond-lidar-noisy", 15): drawn(1.0)}, [], {})
+    assert all("err by more than 2 ×" in s for s in good) and len(good) == 1
+
+
+def test_ellipsoids_that_hold_too_seldom_are_said_where_chance_does_not_explain_it():
+    def said(count, held):
+        found = coverage.Coverage("lidar", count, {"a": held}, {"a": 1.0}, {"a": 6})
+        return statistics_page.short_of({}, [found], {})
+
+    assert said(1000, 0.94) == [] and said(40, 0.9) == []
+    assert "hold 92 %, goal 93 % to 97 %" in said(1000, 0.92)[0] and len(said(40, 0.8)) == 1
+
+
+def test_a_draw_without_a_pose_is_counted_not_averaged():
+    draws = [statistics.Draw(None, None), statistics.Draw(np.full(6, 1e-4), 1e-8 * np.eye(6))]
+    found = statistics.statistics(draws, 1e-8 * np.eye(6), 1e-8 * np.eye(6))
+    assert (found.count, found.lost) == (1, 1) and np.isfinite(found.rms).all()
+    text = statistics_page.drawn({("diamond-camera", 5): found})
+    assert cells(text)["draws"] == "1 of 2"
+
+
+def test_the_table_of_draws_states_both_references_and_both_shares():
+    found = cells(statistics_page.drawn(FOUND[0]))
+    assert found["reference"] == "0.17 mm 0.02°" and found["without outlines"] == "0.35 mm 0.04°"
+    assert found["goal"] == "0.2 mm 0.023°" and "%" in found["above 2 ×"]
+
+
+def test_every_row_with_noise_is_drawn_from_a_recording_that_the_run_makes():
+    cases = set(c.name for c in rows.cases(True))
+    for r in rows.ROWS:
+        source = rows.source(r, r.counts[-1])
+        assert (source is None) == r.exact
+        assert source is None or (source.name in cases and source.row.sensor == r.sensor)
 
 
 # --- the reference
@@ -261,17 +350,18 @@ def test_the_reference_is_the_inverse_information_by_finite_differences():
     steps = h * np.eye(42)
     J = np.column_stack([(residuals(setup, s) - residuals(setup, -s)) / (2 * h) for s in steps])
     expected = np.linalg.inv(J.T @ J)[:6, :6]
-    found, sigmas = reference.evaluate(setup, {"lidar": T}, RANGE_SIGMA)
-    assert found["lidar"] == pytest.approx(expected, rel=0.01, abs=1e-3 * expected.max())
-    assert measure.spread(found["lidar"]) == pytest.approx(measure.spread(expected), rel=1e-3)
-    assert sigmas["lidar", "surface"] == pytest.approx(RANGE_SIGMA)
+    found = reference.evaluate(setup, {"lidar": T}, RANGE_SIGMA)
+    whole = found.covariance["lidar"]
+    assert whole == pytest.approx(expected, rel=0.01, abs=1e-3 * expected.max())
+    assert measure.spread(whole) == pytest.approx(measure.spread(expected), rel=1e-3)
+    assert found.sigma["lidar", "surface"] == pytest.approx(RANGE_SIGMA)
 
 
 def test_four_times_the_noise_of_everything_is_four_times_the_reference():
     setup = hand_made()
-    near, _ = reference.evaluate(setup, {"lidar": T}, RANGE_SIGMA)
+    near = reference.evaluate(setup, {"lidar": T}, RANGE_SIGMA).covariance
     louder = [estimation.Placement(p.session, p.target, p.T_robot_body, p.T_body_target, 4 * SIGMA)
               for p in setup.placements]  # fmt: skip
     setup = estimation.Setup(setup.models, setup.targets, louder, setup.groups, OPTIONS, {})
-    far, _ = reference.evaluate(setup, {"lidar": T}, 4 * RANGE_SIGMA)
+    far = reference.evaluate(setup, {"lidar": T}, 4 * RANGE_SIGMA).covariance
     assert far["lidar"] == pytest.approx(16 * near["lidar"], rel=1e-6)

@@ -1,10 +1,13 @@
 """The joint estimate on measurements made by formula: exact recovery, covariance, bad geometry."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from calib import estimation, geometry, observability, rig, solution
+from calib import estimation, geometry, observability, placements, rig, solution
 from calib.cameras import Camera
+from calib.information import covariance
 from calib.targets.board import Board
 from calib.targets.cylinder import Cylinder
 from calib.targets.patterns.checkerboard import Checkerboard
@@ -53,6 +56,7 @@ def columns(kind, placement, xyz=None, uv=None, sigma=1.0):
         "xyz": np.full((n, 3), np.nan) if xyz is None else xyz,
         "uv": np.full((n, 2), np.nan) if uv is None else uv,
         "sigma": np.full(n, sigma),
+        "whiten": np.tile([1.0, 0.0, 1.0], (n, 1)),
     }
 
 
@@ -143,11 +147,11 @@ def test_the_covariance_is_that_of_the_errors_over_30_noise_draws():
     draws, nees, permuted = 30, [], []
     for seed in range(draws):
         result = settled(made(seed, MIXED, pixel=0.05, range_=0.01, mcs=1.0))
-        covariance = estimation.covariance(result.solution.information)[:12, :12]
+        spread = covariance(result.solution.information)[:12, :12]
         e = np.concatenate([error(result, n) for n in ("camera", "lidar")])
-        nees.append(e @ np.linalg.solve(covariance, e))
+        nees.append(e @ np.linalg.solve(spread, e))
         swap = [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
-        permuted.append(e @ np.linalg.solve(covariance[np.ix_(swap, swap)], e))
+        permuted.append(e @ np.linalg.solve(spread[np.ix_(swap, swap)], e))
     # Mean 12, standard deviation of the mean sqrt(24 / 30) = 0.9: a band of 3 of them; the
     # information under the robust loss is up to 6 % too small.
     assert 12 / 1.06 - 2.7 < np.mean(nees) < 12 + 2.7
@@ -164,8 +168,8 @@ def test_the_noise_of_each_sensor_is_found_whatever_was_configured():
 def test_the_covariance_is_positive_with_exact_ranges_beside_coarse_mcs_poses():
     """Ranges to a micrometre beside pose priors of 0.1 mm strain double precision."""
     result = settled(made(1, MIXED, range_=0.0, pixel=0.0, mcs=1.0))
-    covariance = estimation.covariance(result.solution.information)
-    sigma = np.sqrt(np.linalg.eigvalsh(covariance[:12, :12]))
+    spread = covariance(result.solution.information)[:12, :12]
+    sigma = np.sqrt(np.linalg.eigvalsh(spread))
     assert (sigma > 1e-6).all() and (sigma < 1e-3).all()
 
 
@@ -181,9 +185,9 @@ def test_one_outlier_in_twenty_moves_the_result_by_less_than_half_a_sigma():
         if g.kind == "surface":
             g.keypoints["xyz"][::20] *= 1.05
     a, b = settled(clean), settled(dirty)
-    covariance = estimation.covariance(a.solution.information)[:12, :12]
+    spread = covariance(a.solution.information)[:12, :12]
     apart = geometry.inverse(a.state.T_robot_sensor["lidar"]) @ b.state.T_robot_sensor["lidar"]
-    assert (np.abs(geometry.se3_log(apart)) < 0.5 * np.sqrt(np.diag(covariance)[6:])).all()
+    assert (np.abs(geometry.se3_log(apart)) < 0.5 * np.sqrt(np.diag(spread)[6:])).all()
 
 
 @pytest.mark.parametrize("count", [5, 20])
@@ -192,7 +196,7 @@ def test_cylinders_with_parallel_axes_leave_two_directions_open_however_many_the
     result = estimation.estimate(setup, {"lidar": TRUE["lidar"]}, 30, 1e-8, 1e-8, 10.0)
     found = observability.undetermined(result.solution.information, 1, 0)
     words = [observability.in_words(d, TRUE["lidar"]) for d in found]
-    assert any("translation along z (up)" in w for w in words)
+    assert any("translation along z of the robot body" in w for w in words)
 
 
 def test_five_diverse_cylinders_determine_the_lidar():
@@ -223,7 +227,7 @@ def test_a_sensor_with_an_open_direction_gets_no_pose_and_says_which():
     content = solution.as_json(setup, result, {"lidar": (solution.OK, guess)}, options)
     lidar = content["sensors"]["lidar"]
     assert lidar["T_robot_sensor"] is None and lidar["covariance"] is None
-    assert "translation along z (up) of the robot" in lidar["status"]["reason"]
+    assert "cylinders' common axis, z of the robot body" in lidar["status"]["reason"]
     assert content["joint_covariance"] is None
 
 
@@ -236,11 +240,11 @@ def test_the_results_carry_the_covariance_of_the_estimate_in_its_own_order():
     options = {"rig": "r", "sensors": kinds, "targets": {}, "sessions": ["s"]}
     known = {name: (solution.OK, guess) for name in kinds}
     content = solution.as_json(setup, result, known, options)
-    covariance = estimation.covariance(result.solution.information)
+    spread = covariance(result.solution.information)
     assert content["joint_covariance"]["order"] == ["camera", "lidar"]
-    np.testing.assert_array_equal(content["joint_covariance"]["matrix"], covariance[:12, :12])
+    np.testing.assert_array_equal(content["joint_covariance"]["matrix"], spread[:12, :12])
     for name, at in (("camera", 0), ("lidar", 6)):
-        own = covariance[at : at + 6, at : at + 6]
+        own = spread[at : at + 6, at : at + 6]
         np.testing.assert_array_equal(content["sensors"][name]["covariance"], own)
 
 
@@ -257,3 +261,51 @@ def test_a_prior_holds_what_the_data_leave_open():
     held = estimation.Setup(**vars(setup) | {"prior": {"lidar": (TRUE["lidar"], sigma)}})
     result = estimation.estimate(held, {"lidar": TRUE["lidar"]}, 30, 1e-8, 1e-8, 10.0)
     assert np.abs(error(result, "lidar")).max() < 0.01
+
+
+# --- mounts that are not known, and rests that several targets share
+
+
+def test_where_a_board_sits_in_its_body_is_found_with_the_sensors_from_exact_measurements():
+    setup = replace(made(0, MIXED), mounts={"board": geometry.se3_exp(np.full(6, 0.02))})
+    result = settled(setup)
+    assert np.abs(geometry.se3_log(result.state.mounts["board"])).max() < 1e-7
+    for name in ("camera", "lidar"):
+        assert np.abs(error(result, name)).max() < 1e-7
+
+
+def test_a_mount_that_is_estimated_leaves_the_sensors_less_certain():
+    setup = made(0, MIXED, pixel=0.05, range_=0.01, mcs=1.0)
+    free = replace(setup, mounts={"board": np.eye(4)})
+    sigmas = [
+        np.sqrt(np.diag(covariance(settled(s).solution.information))[:6]) for s in (setup, free)
+    ]
+    assert (sigmas[1] > sigmas[0]).all()
+
+
+def test_targets_at_one_rest_of_the_robot_share_the_error_of_its_pose():
+    setup = made(0, MIXED, pixel=0.05, range_=0.01, mcs=1.0)
+    places = [replace(p, rest=i // 2) for i, p in enumerate(setup.placements)]
+    shared = replace(setup, placements=places)
+    assert shared.robots.tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+    assert (shared.n, setup.n) == (12 + 6 * (4 + 8), 12 + 6 * 16)
+    T = [estimation.T_robot_target(shared, estimation.start(shared, TRUE, 1.0))[k] for k in (0, 1)]
+    state = estimation.start(shared, TRUE, 1.0)
+    state.y[0, 0] = 3.0
+    moved = estimation.T_robot_target(shared, state)
+    for k in (0, 1):
+        step = moved[k][:3, 3] - T[k][:3, 3]
+        assert step == pytest.approx([-3 * MCS_SIGMA[0], 0, 0], abs=1e-12)
+
+
+def test_rests_of_two_sessions_are_never_the_same():
+    setup = made(0, MIXED)
+    places = [replace(p, rest=0, session="ab"[i % 2]) for i, p in enumerate(setup.placements)]
+    assert replace(setup, placements=places).robots.tolist() == [0, 1] * 4
+
+
+def test_still_intervals_that_overlap_by_more_than_half_are_one_rest():
+    start, end = np.array([[0, 10], [1, 11], [9, 20], [30, 40], [32, 50], [12, 19]]).T
+    kind = np.array(["still", "still", "still", "still", "still", "moving"])
+    found = placements.together({"start": start, "end": end, "kind": kind})
+    assert found[0] == found[1] != found[2] and found[3] == found[4] != found[2] and found[5] == -1

@@ -68,12 +68,18 @@ def test_a_sensor_without_a_view_says_why_and_keeps_the_other(again):
     assert result["velodyne"]["status"]["ok"]
 
 
-def test_a_sensor_without_a_first_guess_says_what_to_write(again):
+def test_a_sensor_that_cannot_be_found_says_what_to_record_or_write_and_keeps_the_other(again):
     runs.edit(rig(again), lambda r: r["sensors"]["camera"].pop("T_robot_sensor"))
+    # The cylinder of this recording is never before the camera.
+    runs.edit(again / "config/targets/board.yaml", lambda t: t.pop("pattern"))
     runs.completed(again, VERDICT)
-    status = calibration(again)["sensors"]["camera"]["status"]
-    assert status["reason"] == "no first guess for camera"
+    result = calibration(again)["sensors"]
+    status = result["camera"]["status"]
+    assert status["reason"] == "no first guess for camera: no pose found in the data"
+    assert status["found"].startswith("coloured body found at 0 of 4 placements")
+    assert "Hold the target still at 4 or more different places" in status["remedy"]
     assert "sensors.camera.T_robot_sensor" in status["remedy"]
+    assert result["velodyne"]["status"]["ok"]
 
 
 def test_an_unreadable_log_is_one_line_with_the_file_and_the_remedy(again):

@@ -69,7 +69,17 @@ LIMITS = {
     "fail_rejected": 0.5,
     "warn_placements": 5,
     "fail_placements": 3,
+    "warn_heldout": 2.0,
+    "fail_heldout": 4.0,
 }
+LEFT_OUT = {
+    "target": "board",
+    "kind": "surface",
+    "where": "before the surface",
+    "count": 7,
+    "of": 70,
+}
+HELD_OUT = {"placements": 2, "directions": 12, "rms_m": 0.002, "rms_rad": 0.01, "ratio": 1.1}
 POSES = {
     "left": geometry.from_rpy([0.1, 0.02, 0.3], np.radians([-90, 0, -90])),
     "top": geometry.from_rpy([0.2, -0.05, 0.6], np.radians([0, 0, 30])),
@@ -165,6 +175,7 @@ def measurements(sensor, views, rng):
             "kind": np.full(n, kind),
             "index": np.arange(n) % 16,
             "sigma": np.full(n, sigma),
+            "whiten": np.tile([1.0, 0.0, 1.0], (n, 1)),
         }
         keypoints.append(shared | {"t": np.full(n, views["t"][i]), "xyz": xyz, "uv": uv})
         more = {"value": value, "measured": measured, "weight": (np.arange(n) % 10 > 0) * 0.9}
@@ -219,15 +230,30 @@ def sensor_result(sensor):
         "guess": {k: guess[k] for k in ("T_robot_sensor", "sigma", "source")},
         "T_robot_sensor": rig.pose_json(POSES[sensor]),
         "covariance": np.diag(SIGMA**2).tolist(),
-        "weakest": {"direction": "translation along z (up) of the robot", "sigma": 0.003},
+        "weakest": {"direction": "translation along z of the robot body", "sigma": 0.003},
         "placements": 12,
         "observations": 34,
         "points": 5678,
         "rejected": 0.05,
         "residual": {"rms": 0.0123, "unit": "px" if sensor == "left" else "m"},
+        "undetermined": [],
+        "left_out": [LEFT_OUT | {"kind": "corner" if sensor == "left" else "surface"}],
+        "fit": {},
+        "held_out": HELD_OUT,
+        "predicted": {
+            "placements": [3, 6, 12],
+            "sigma_m": [None, 0.004, 0.003],
+            "sigma_rad": [3e-3, 2e-3, 1e-3],
+        },
         "time_offset_s": None,
         "intrinsics": None,
     }
+
+
+def influence(placement, moved, nees):
+    """What one placement does to both sensors."""
+    sensors = {n: {"influence": moved, "nees": nees, "directions": 6} for n in SENSORS}
+    return {"session": "s1", "target": "board", "placement": placement, "sensors": sensors}
 
 
 def calibration():
@@ -242,6 +268,9 @@ def calibration():
             "order": ["left", "top"],
             "matrix": np.diag(np.tile(SIGMA**2, 2)).tolist(),
         },
+        "pairs": [],
+        "suspicions": [],
+        "influences": [influence(0, 1.4, 5.0), influence(1, None, 7.0)],
         "targets": {"board": None, "pipe": None},
         "sessions": {"s1": None},
         "noise": {
@@ -254,7 +283,7 @@ def calibration():
 
 def without_pose(result, name, status):
     """The calibration with one sensor that could not be solved."""
-    none = dict.fromkeys(("T_robot_sensor", "covariance", "weakest"))
+    none = dict.fromkeys(("T_robot_sensor", "covariance", "weakest", "held_out", "predicted"))
     counts = dict.fromkeys(("placements", "observations", "points"), 0)
     result["sensors"][name] |= {"status": status.to_dict(), "verdict": "fail", "rejected": 0.0}
     result["sensors"][name] |= none | counts | {"residual": {"rms": None, "unit": "px"}}
@@ -271,7 +300,7 @@ class Files:
     def __init__(self, folder):
         self.folder = folder
         rng = np.random.default_rng(0)
-        self.calibration = calibration()
+        self.calibration, self.findings = calibration(), []
         self.audits = {"s1": audit()}
         self.placements = {"s1": (placements(), OK, {"board": OK, "pipe": OK})}
         self.guesses, self.views, self.keypoints, parts = {}, {}, {}, []
@@ -319,7 +348,7 @@ class Files:
         levels = {n: s["verdict"] for n, s in self.calibration["sensors"].items()}
         result = config.complete("calibration", copy.deepcopy(self.calibration), "calibration")
         judged = {k: result[k] for k in ("verdict", "reasons")}
-        judged |= {"sensors": levels, "limits": LIMITS}
+        judged |= {"findings": self.findings, "sensors": levels, "limits": LIMITS}
         arguments |= {
             "calibration": [self.json("calibration", result)],
             "verdict": [self.json("verdict", config.complete("verdict", judged, "verdict"))],
@@ -425,7 +454,7 @@ def test_sections_come_in_order(page):
         "residual rms 12.3 mm",
         "residual rms 0.0123 px",
         "change from the first guess 50 mm, 2°",
-        "least certain: translation along z (up) of the robot, σ 3 mm",
+        "least certain: translation along z of the robot body, σ 3 mm",
         "the point (1, 0, 0) m of top lies at (1.0660, 0.4500, 0.6000) m in the robot frame",
         "T_left_top",
         "Not estimated: time offset of left, intrinsics of left, time offset of top, "
@@ -609,14 +638,20 @@ def test_table_of_another_sensor_kind_is_refused(files):
 
 
 def test_levels_agree_with_the_judge():
+    limits = config.complete("config", {"sessions": {"s": {"rig": "r", "log": "x"}}}, "x")["judge"]
+    told = {"tilt": {}, "fit": {}, "advice": "", "correction": None}
     for sigma in (0.001, 0.006, 0.03):
-        sensor = sensor_result("top") | {"covariance": (np.eye(6) * sigma**2).tolist()}
-        sensor |= {"rejected": 0.3, "placements": 2}
-        cells = [
-            summary._level(value, LIMITS, key, large)
+        sensor = sensor_result("top") | {"covariance": (np.eye(6) * sigma**2).tolist()} | told
+        sensor |= {"rejected": 0.3, "placements": 2, "held_out": HELD_OUT | {"ratio": 3.0}}
+        cells = {
+            key: summary._level(value, limits, key, large)
             for _, _, key, _, value, large in summary.checks(sensor)
-        ]
-        assert verdict.worst(cells) == verdict.of_sensor("top", sensor, LIMITS)[0]
+        }
+        found = verdict.of_sensor("top", sensor, limits)
+        found += verdict.of_sigma("top", sensor, limits, misfit=True)
+        assert {k: v for k, v in cells.items() if v != "pass"} == {
+            f["check"]: f["level"] for f in found
+        }
 
 
 @pytest.mark.parametrize("large_is_bad", [True, False])
@@ -727,11 +762,42 @@ def test_every_kind_of_measurement_is_shown(files, undrawn, sensor, kind, signed
 
 
 def test_what_did_not_pass_comes_with_what_to_do(files, undrawn):
-    files.calibration["sensors"]["left"]["rejected"] = 0.3
-    files.calibration["sensors"]["top"]["covariance"] = np.diag((10 * SIGMA) ** 2).tolist()
+    """Each remedy once, with the sensors that it is for."""
+    one = {"check": "rejected", "level": "warn", "value": 0.3, "limit": 0.2, "text": "much"}
+    one |= {"remedy": "look at the overlays"}
+    files.findings = [one | {"sensor": n, "sensors": [n]} for n in ("left", "top")]
     said = words(files.render())
-    assert "left: see its overlays and its residuals by placement" in said
-    assert "least certain direction (translation along z (up) of the robot, σ 3 mm)" in said
+    assert "What to do left, top : look at the overlays" in said
+    assert said.count("look at the overlays") == 1
+
+
+def test_suspicions_are_told_with_rivals_effect_and_remedy(files, undrawn):
+    rival = {"name": "frame", "of": "board", "text": "it is off", "remedy": "so", "gain": 9.0}
+    files.calibration["suspicions"] = [
+        {
+            "name": "squares",
+            "of": "board",
+            "text": "the squares are larger",
+            "remedy": "measure them",
+            "estimate": [0.02],
+            "sigma": [0.001],
+            "gain": 30.0,
+            "chance": 1e-14,
+            "explained": {"left/corner": 0.4, "mocap": 0.01},
+            "shift": {"left": {"m": 0.0123, "rad": 0.001, "sigmas": 9.0}},
+            "rivals": [rival],
+        }
+    ]
+    said = words(files.render())
+    assert "the squares are larger or it is off To do: measure them." in said
+    assert "left 12 mm, 0.057° (9 σ) 40 % of left/corner" in said
+
+
+def test_placements_left_out_and_measurements_left_out_are_counted(files, undrawn):
+    said = words(files.render())
+    assert "left 2 2 0.57 1.1 1 (board) cannot be spared; 0 (board) 1.4 σ" in said
+    assert "board corner 70 7 (10 %) before the surface" in said
+    assert "σ against the number of placements" in said
 
 
 def told(result, truth=None, reasons=()):

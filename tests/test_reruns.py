@@ -1,6 +1,7 @@
 """What re-runs what, and that a run leaves the same bytes whatever happened to it."""
 
 import hashlib
+import json
 import os
 import shutil
 import signal
@@ -59,6 +60,16 @@ def test_the_size_of_a_target_re_runs_neither_decode_nor_gate_nor_guess(again):
     target = again / "config/targets/cylinder.yaml"
     runs.edit(target, lambda t: t.update(radius_m=0.11))
     assert rules(runs.planned(again)) == {"crop", "extract"} | AFTER_EXTRACT
+
+
+def test_only_a_guess_that_is_to_be_found_depends_on_targets_and_log(again):
+    runs.edit(rig(again), lambda r: r["sensors"]["camera"].pop("T_robot_sensor"))
+    commands = runs.commands(again)
+    searched, stated = (commands["guess", s] for s in ("camera", "velodyne"))
+    assert {"targets", "log"} <= set(json.loads(searched[-1]))
+    assert not {"targets", "log"} & set(json.loads(stated[-1]))
+    assert "results/sim/sim/placements.parquet" in searched
+    assert "results/sim/sim/placements.parquet" not in stated
 
 
 def test_a_touched_log_re_runs_nothing(again):

@@ -94,8 +94,28 @@ def sensor_options(stage, w, **more):
     return options(**{stage: CONFIG[stage]}, name=w.sensor, sensor=sensor, **more)
 
 
+def searched(w):
+    """Whether a guess may have to look into the data: the rig does not state the sensor's pose, or
+    a target not its mount."""
+    unknown = any("mount" in TARGETS[t] for t in SESSIONS[w.session]["targets"])
+    return unknown or "T_robot_sensor" not in RIGS[w.rig]["sensors"][w.sensor]
+
+
+def where_searched(pattern):
+    """Input function: the pattern where `searched`, else nothing."""
+    return lambda w: expand(pattern, rig=w.rig, session=w.session) if searched(w) else []
+
+
 def guess_options(w):
-    return sensor_options("guess", w, body=RIGS[w.rig]["body"])
+    """Targets, cameras and log only where they may be needed: else no edit of theirs re-runs it."""
+    session, more = SESSIONS[w.session], {}
+    if searched(w):
+        targets = {t: TARGETS[t] for t in session["targets"]}
+        more = {"targets": targets, "log": session["log"], "cameras": {}}
+        if any("mount" in t for t in targets.values()):
+            sensors = {s: RIGS[w.rig]["sensors"][s] for s in session["sensors"]}
+            more["cameras"] = {s: c for s, c in sensors.items() if c["kind"] == "camera"}
+    return sensor_options("guess", w, body=RIGS[w.rig]["body"], **more)
 
 
 def crop_options(w):
@@ -106,7 +126,7 @@ def crop_options(w):
 
 def extract_options(w):
     targets = {t: TARGETS[t] for t in SESSIONS[w.session]["targets"]}
-    more = {"associate": CONFIG["associate"], "margin_sigma": CONFIG["crop"]["margin_sigma"]}
+    more = {"associate": CONFIG["associate"], "crop": CONFIG["crop"]}
     return sensor_options("extract", w, targets=targets, mocap=mocap_noise(w), **more)
 
 

@@ -4,6 +4,8 @@ import numpy as np
 
 from calib import clouds, geometry, images, rig, tables, views
 
+SPARE = 1.5  # of max_placements: what is kept, for some may prove to be out of view
+
 
 class Lidar:
     """What crop does with a lidar's messages."""
@@ -20,13 +22,13 @@ class Lidar:
     def cut(self, message, t, span, target, T_sensor_target, margin):
         """(payload, reason why there is none) of the angular window around a target."""
         xyz, ring, dt = clouds.points(message)
+        # All of the scan, for the window's part of it would depend on the guess.
+        if len(dt) and (t + dt.min() < span[0] or t + dt.max() > span[1]):
+            return self.nothing(), "scan reaches into a move"
         inside = views.cone(xyz.astype(float), target, T_sensor_target, margin)
         if not inside.any():
             return self.nothing(), "no return in the window"
-        xyz, ring, dt = xyz[inside], ring[inside], dt[inside]
-        if t + dt.min() < span[0] or t + dt.max() > span[1]:
-            return self.nothing(), "scan reaches into a move"
-        return {"xyz": xyz.reshape(-1), "ring": ring, "dt": dt}, ""
+        return {"xyz": xyz[inside].reshape(-1), "ring": ring[inside], "dt": dt[inside]}, ""
 
 
 class Camera:
@@ -54,6 +56,23 @@ class Camera:
 KINDS = {"lidar": Lidar, "camera": Camera}
 
 
+def reader(log, topic, frames):
+    """message_of(i): the content of frame i (columns of frames.parquet) of a topic of a log."""
+
+    def message_of(i):
+        return log.message(topic, *(int(frames[k][i]) for k in ("file", "log_t", "ordinal")))
+
+    return message_of
+
+
+def mounts(targets, guess):
+    """T_body_target (4, 4) by target: of the config blocks `targets`, or as guess.json found it;
+    without those whose mount is unknown and was not found."""
+    stated = {n: rig.pose(c["T_body_target"]) for n, c in targets.items() if "mount" not in c}
+    found = {n: np.array(m["T_body_target"]["matrix"]) for n, m in guess["mounts"].items()}
+    return stated | found
+
+
 def placed(placements, mounts):
     """T_robot_target (n, 4, 4) of every placement; mounts: T_body_target (4, 4) by target."""
     T_robot_body = geometry.from_xyz_quat(placements["xyz"], placements["quat"])
@@ -71,33 +90,42 @@ def considered(frames, placements, name):
     return np.where((at >= 0) & (frames["t"] <= end[at]), rows[at], -1)
 
 
-def choose(sensor, target, placement, T_sensor_target, margin, options):
+def choose(sensor, target, placement, T_robot_target, T_robot_sensor, margin, options):
     """Reason (n,) against each frame of one target; "" for those to be read.
 
-    placement: of each frame (considered); T_sensor_target (k, 4, 4): of every placement.
+    placement: of each frame (considered); T_robot_target (k, 4, 4): of every placement. What is
+    kept is a superset: extract decides again at the pose it finds, so half as many placements more
+    than wanted are kept.
     """
     reason = np.full(len(placement), "not still", dtype=object)
-    visible = []
-    for k in sorted(set(placement[placement >= 0].tolist())):
-        why = sensor.hidden(sensor.model, target, T_sensor_target[k], margin, options)
-        reason[placement == k] = why or "not a new pose"
-        if not why:
-            visible.append(k)
-    least = options["min_distance_m"], np.radians(options["min_angle_deg"])
-    kept = views.most_different(T_sensor_target[visible], *least, options["max_placements"])
-    for k in np.array(visible, int)[kept]:
-        rows = np.flatnonzero(placement == k)
-        reason[rows] = "enough frames of this placement"
-        reason[rows[views.evenly(len(rows), options["max_frames"])]] = ""
+    numbers = np.unique(placement[placement >= 0])
+    reason[placement >= 0] = "not a new pose"
+    T_sensor_robot, room = (
+        geometry.inverse(T_robot_sensor),
+        round(SPARE * options["max_placements"]),
+    )
+    for k in views.new_poses(T_robot_target, numbers, options):
+        during = np.flatnonzero(placement == k)
+        T_sensor_target = T_sensor_robot @ T_robot_target[k]
+        why = sensor.hidden(sensor.model, target, T_sensor_target, margin, options)
+        room -= not why
+        reason[during] = why or "enough placements"
+        if not why and room >= 0:
+            reason[during] = "enough frames of this placement"
+            reason[during[views.evenly(len(during), options["max_frames"])]] = ""
     return reason
 
 
-def rows(sensor, shapes, frames, placements, T_sensor_target, margin, message_of, options):
-    """Rows of views.parquet of one sensor; message_of(i) reads a frame, once for all targets."""
-    plan = {}
+def rows(sensor, shapes, frames, placements, poses, margin, message_of, options):
+    """Rows of views.parquet of one sensor; message_of(i) reads a frame, once for all targets.
+
+    poses: T_robot_target (k, 4, 4) of every placement, and the guess T_robot_sensor (4, 4), which
+    may be wrong by margin (6,).
+    """
+    plan, T_sensor_target = {}, geometry.inverse(poses[1]) @ poses[0]
     for name, target in sorted(shapes.items()):
         placement = considered(frames, placements, name)
-        reason = choose(sensor, target, placement, T_sensor_target, margin, options)
+        reason = choose(sensor, target, placement, *poses, margin, options)
         plan[name] = target, placement, reason
     out = []
     for i, t in enumerate(frames["t"]):

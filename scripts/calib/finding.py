@@ -36,12 +36,16 @@ def score(target, points, T_sensor_target, margin, step):
     centre = geometry.transform(T_sensor_target, target.centre)
     distance = np.linalg.norm(centre)
     place = np.linalg.norm(points.mean(0) - centre) / (views.spread(margin, distance) * distance)
+    return place + 4 * wrong_size(target, points, step)
+
+
+def wrong_size(target, points, step):
+    """Share by which points (n, 3) reach wider than the target, or less wide although the scan
+    pattern is allowed one step, m, at both ends."""
     found, expected = extent(points), target.size[0]
     if found >= expected:
-        size = found / expected - 1
-    else:
-        size = max(0.0, 1 - (found + 2 * step) / expected)
-    return place + 4 * size
+        return found / expected - 1
+    return max(0.0, 1 - (found + 2 * step) / expected)
 
 
 def find(target, points, T_sensor_target, margin, lidar, options):

@@ -1,20 +1,19 @@
-"""Which directions of a sensor's pose the data do not determine, in words."""
+"""Which directions of a sensor's pose the data do not determine, in words, and what would."""
 
 import numpy as np
 
-from calib.estimation import eigen
+from calib.information import eigen
 
 UNDETERMINED = 0.5  # m or rad: a direction known no better than this is not known at all
-AXES = {
-    "translation": ("along x (forward)", "along y (left)", "along z (up)"),
-    "rotation": ("roll, about x", "pitch, about y", "yaw, about z"),
-}
+ARM = 1.0  # m, at which a turn counts as much as a shift
+PARALLEL_DEG = 10.0  # axes that differ by less have one direction in common
+AXES = "xyz"
 
 
 def undetermined(information, n_sensors, sensor):
     """Directions (k, 6), unit twists of the sensor, that the data leave open.
 
-    The MCS errors are marginalised; the other sensors are held.
+    All that is no sensor's pose is marginalised; the other sensors are held.
     """
     own = np.arange(6 * sensor, 6 * sensor + 6)
     rows = np.concatenate([own, np.arange(6 * n_sensors, len(information))])
@@ -36,27 +35,92 @@ def _independent(directions):
     return u[:, s > 1e-3 * s[0]].T
 
 
-def in_words(direction, T_robot_sensor):
-    """A unit twist (6,) of the sensor named by the robot axis it is nearest to.
+def in_words(direction, T_robot_sensor, common=None):
+    """A unit twist (6,) of the sensor, by the axis of the robot's body that it is nearest to.
 
-    The sensor moves along or turns about its own origin; the axes named are the robot's.
+    common: (unit direction (3,) in the robot's frame, its name) that all targets share, or None.
     """
     R = T_robot_sensor[:3, :3]
     moves, turns = R @ direction[:3], R @ direction[3:]
-    kind, part = max(
-        (("translation", moves), ("rotation", turns)), key=lambda item: np.linalg.norm(item[1])
-    )
-    axis = int(np.abs(part).argmax())
-    share = np.abs(part[axis]) / np.linalg.norm(part)
-    mixed = (
-        ""
-        if share > 0.95
-        else f" mainly, of direction ({part[0]:.2f}, {part[1]:.2f}, {part[2]:.2f})"
-    )
-    return f"{kind} {AXES[kind][axis]} of the robot{mixed}"
+    parts = (("translation along", moves), ("rotation about", turns))
+    kind, part = max(parts, key=lambda item: np.linalg.norm(item[1]))
+    part = part / np.linalg.norm(part)
+    if common and abs(part @ common[0]) > np.cos(np.radians(PARALLEL_DEG)):
+        return f"{kind} {common[1]}, {_nearest(common[0])}"
+    return f"{kind} {_nearest(part)}"
+
+
+def _nearest(direction):
+    """`z of the robot body`, or with its components where it is none of the axes."""
+    axis = int(np.abs(direction).argmax())
+    if abs(direction[axis]) > 0.95:
+        return f"{AXES[axis]} of the robot body"
+    shown = ", ".join(f"{v:.2f}" for v in direction * np.sign(direction[axis]))
+    return f"({shown}) of the robot body, mainly {AXES[axis]}"
 
 
 def weakest(sensor_covariance, T_robot_sensor):
     """The least certain direction of a covariance (6, 6), in words, and its σ, m or rad."""
-    values, vectors = np.linalg.eigh(sensor_covariance)
-    return in_words(vectors[:, -1], T_robot_sensor), float(np.sqrt(max(values[-1], 0.0)))
+    scale = np.repeat([1.0, ARM], 3)
+    values, vectors = np.linalg.eigh(scale[:, None] * sensor_covariance * scale)
+    twist = vectors[:, -1]
+    turning = np.linalg.norm(twist[3:]) > np.linalg.norm(twist[:3])
+    sigma = np.sqrt(max(values[-1], 0.0)) / (ARM if turning else 1.0)
+    return in_words(twist, T_robot_sensor), float(sigma)
+
+
+def axes(shapes, T_robot_target):
+    """{"normals": (k, 3), "axes": (m, 3)}: directions in the robot's frame of the flat and of the
+    round targets of some shapes, at T_robot_target (n, 4, 4)."""
+    flat = np.array([len(s.edges()) > 0 for s in shapes], bool)
+    T = np.reshape(T_robot_target, (-1, 4, 4))
+    return {"normals": T[flat, :3, 2], "axes": T[~flat, :3, 0]}
+
+
+def spread(directions):
+    """Largest angle, deg, between two of some lines (k, 3), at most 90; None of fewer than two."""
+    if len(directions) < 2:
+        return None
+    return float(np.degrees(np.arccos(np.clip(np.abs(directions @ directions.T), 0, 1)).max()))
+
+
+def in_common(seen):
+    """(direction (3,), name) that all targets of `axes` share, or None."""
+    names = {"normals": "the boards' common normal", "axes": "the cylinders' common axis"}
+    found = {k: v for k, v in seen.items() if len(v)}
+    if len(found) != 1:
+        return None
+    ((kind, lines),) = found.items()
+    wide = spread(lines)
+    if wide is not None and wide > PARALLEL_DEG:
+        return None
+    return np.linalg.svd(lines)[2][0], names[kind]
+
+
+def advice(seen, placements, lidar):
+    """Which views would determine what is open or loose: a sentence.
+
+    seen: what `axes` says of the placements used; placements: how many; lidar: whether the sensor
+    is one, to which a board is a plane with an outline.
+    """
+    if placements < 3:
+        return (
+            f"Hold a target still in at least 3 different places that it sees; {placements} so far."
+        )
+    flat, round_ = spread(seen["normals"]), spread(seen["axes"])
+    lone = len(seen["axes"]) and not len(seen["normals"])
+    if lone and (round_ or 0.0) < 30:
+        return (
+            f"All axes of the cylinder lie within {round_ or 0.0:.0f}° of each other: hold it "
+            "tilted by 30° or more about another axis, in two places at least; more views with "
+            "the same tilt do not help."
+        )
+    if lidar and len(seen["normals"]) and not len(seen["axes"]) and (flat or 0.0) < 30:
+        return (
+            f"All boards face the same way within {flat or 0.0:.0f}°: turn the board by 20 to 40° "
+            "to the left, to the right, up and down."
+        )
+    return (
+        "Record placements that differ in that direction: the target tilted to all sides, nearer "
+        "and farther, and at the sides of the view."
+    )

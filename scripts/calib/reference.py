@@ -1,34 +1,57 @@
 """Reference accuracy: how well the very data in use could tell a pose, were all noise known.
 
 The information of every measurement is taken at the true poses with the true noise, the errors of
-the MCS poses are marginalised, one per placement and body, and the inverse is the covariance of an
-efficient estimator. All scans of a placement count; a crossing of the outline counts once, as
-uniform between two beams (step²/12), which an interval estimator may beat. No robust loss.
+the MCS poses are marginalised, one per body and rest, and the inverse is the covariance of an
+efficient estimator. All scans of a placement count, but where a scan line leaves a target counts
+once, as uniform between two beams (step²/12), which an interval estimator may beat. That holds for
+the outline of a board and for the sides of a cylinder. No robust loss.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib import estimation, expressions, geometry, kinds
+from calib import estimation, expressions, geometry, kinds, noise
+from calib.information import covariance
+from calib.kinds import edge, limb
+from calib.kinds.assignment import Noise
+from calib.targets.cylinder import Cylinder
 
 NO_NOISE = 1e-9  # m, rad: stands for none, so that a prior may be divided by it
 ROUNDS = 5
+TANGENT = 1.5  # steps of the scan pattern by which the ray of a side's crossing may miss it
+
+
+@dataclass(frozen=True)
+class Reference:
+    """By sensor the covariance (6, 6), and the one without where scan lines leave the targets; by
+    (sensor, kind) the σ of one measurement."""
+
+    covariance: dict
+    inside: dict
+    sigma: dict
 
 
 def evaluate(setup, T_robot_sensor, range_sigma):
-    """({sensor: covariance (6, 6)}, {(sensor, kind): σ of one measurement}) of a Setup.
+    """The Reference of a Setup.
 
     T_robot_sensor by name is the true one, range_sigma, m, too, and so is the σ of the setup's
     placements. The noise of what a camera finds is taken from its own errors at the truth.
     """
     state = estimation.start(setup, T_robot_sensor, 1.0)
-    scales = true_noise(setup, state, range_sigma)
-    state = replace(state, noise=scales)
-    whole = estimation.covariance(information(setup, state))
+    state = replace(state, noise=true_noise(setup, state, range_sigma))
+    inside, outlines = information(setup, state)
+    return Reference(
+        covariance=_of_sensors(setup, inside + outlines),
+        inside=_of_sensors(setup, inside),
+        sigma={key: n.total * _own(_groups(setup, key)) for key, n in state.noise.items()},
+    )
+
+
+def _of_sensors(setup, information):
+    whole = covariance(information)
     names = sorted(setup.models)
-    covariances = {n: whole[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] for i, n in enumerate(names)}
-    return covariances, {k: f * _own(_groups(setup, k)) for k, f in scales.items()}
+    return {n: whole[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] for i, n in enumerate(names)}
 
 
 def _groups(setup, key):
@@ -41,74 +64,90 @@ def _own(groups):
 
 
 def true_noise(setup, state, range_sigma):
-    """Factor on the keypoints' own σ, by (sensor, kind), that makes it the true one.
+    """Noise over the keypoints' own σ, by (sensor, kind).
 
-    Ranges: as given. Where σ is the step of a scan pattern: that. What is found in images: the rms
-    of its errors at the truth, of all that belongs to a target there.
+    Ranges: as given. What is found in images: of its errors at the truth, of all that belongs to a
+    target there, with what all images of a placement have in common. Where scan lines leave a
+    target: the step, the same in every scan.
     """
-    scales = dict(state.noise)
-    for key in scales:
+    known = dict(state.noise)
+    for key in known:
         kind, groups = kinds.KINDS[key[1]], _groups(setup, key)
         if kind.UNIT == "m":
-            scales[key] = max(range_sigma, NO_NOISE) / _own(groups)
+            known[key] = Noise(max(range_sigma, NO_NOISE) / _own(groups), 0.0)
         elif kind.ROUNDING is not None:
-            scales[key] = _found(replace(setup, groups=groups), state, key)
-    return scales
+            known[key] = _found(replace(setup, groups=groups), state, key)
+    return known
 
 
 def _found(setup, state, key):
-    """RMS per component of the errors at the truth over their own σ, members by that very σ."""
-    scale = 10.0
+    """Noise of the errors at the truth: their rms per component, members by that very σ."""
+    known = {key: Noise(10.0, 0.0)}
     for _ in range(ROUNDS):
-        at = replace(state, noise=state.noise | {key: scale})
-        assigned = estimation.assign_all(setup, at)
-        values = np.concatenate([(a.value / a.sigma[:, None])[a.feature >= 0] for a in assigned])
+        assigned = estimation.assign_all(setup, replace(state, noise=state.noise | known))
+        values = np.concatenate([a.plain[a.feature >= 0] for a in assigned])
         if not len(values):
-            return scale
-        scale *= float(np.sqrt(np.mean(values**2)))
-    return scale
+            return known[key]
+        known[key] = Noise(float(np.sqrt(np.mean(values**2))), 0.0)
+    return noise.shared(setup, assigned, known, {key: 0.0})[key]
 
 
 def information(setup, state):
-    """(n, n) in the order (ξ of the sensors by name, y of the MCS poses in units of their σ)."""
-    names = sorted(setup.models)
-    first = 6 * len(names)
-    total = np.eye(first + 12 * len(setup.placements))
-    total[:first, :first] = 0
-    kernels = {}
-    for g, assigned in zip(setup.groups, estimation.assign_all(setup, state), strict=True):
-        place = setup.placements[g.placement]
-        key = g.kind, g.sensor, place.target
-        if key not in kernels:
-            kernels[key] = _kernel(g.kind, setup.models[g.sensor], setup.targets[place.target])
-        T = estimation.T_sensor_target(setup, state, g.sensor, g.placement)
-        A = chain(place, T)
-        start, width = (6 * names.index(g.sensor), first + 12 * g.placement), (6, 12)
-        rows = np.concatenate([s + np.arange(w) for s, w in zip(start, width, strict=True)])
-        total[np.ix_(rows, rows)] += A.T @ of_measurements(kernels[key], T, assigned.data) @ A
-    return total
+    """(n, n), twice, of all unknowns of the estimate: of what lies on the targets, with the priors
+    of the MCS, and of where scan lines leave the targets."""
+    assigned = estimation.assign_all(setup, state)
+    x, scale = np.zeros(setup.n), np.ones(setup.n)
+    scale[setup.poses :] = setup.sigma.reshape(-1)
+    parts = estimation.build(setup).parts(x, scale, estimation.chains(setup, state), assigned)
+    inside, outlines = np.zeros((2, setup.n, setup.n))
+    np.fill_diagonal(inside[setup.poses :, setup.poses :], 1.0)
+    for g, a, p in zip(setup.groups, assigned, parts, strict=True):
+        model, target = setup.models[g.sensor], setup.targets[setup.placements[g.placement].target]
+        square = np.ix_(p.columns, p.columns)
+        weight = np.where(a.feature >= 0, a.share, 0.0)
+        own = sum((weight * J) @ J.T for J in p.J)
+        (outlines if g.kind == "edge" else inside)[square] += p.A.T @ own @ p.A
+        if g.kind == "surface" and isinstance(target, Cylinder):
+            sides = of_sides(model, target, p.T_sensor_target, outermost(g, a, model))
+            outlines[square] += p.A.T @ sides @ p.A
+    return inside, outlines
 
 
-def _kernel(kind, model, target):
-    """Function of T_sensor_target and a measurement's numbers: its residual and derivative, σ."""
-    residual = kinds.KINDS[kind].residual(model, target)
-    return expressions.kernel(residual, len(kinds.KINDS[kind].DATA))
+def outermost(group, assigned, lidar):
+    """Rays (2 n, 3), lidar frame, half a step beyond the first and last return of each of n rings,
+    all scans of the placement together."""
+    k, member = group.keypoints, assigned.feature >= 0
+    middle = np.arctan2(*k["xyz"][member].mean(0)[1::-1]) if member.any() else 0.0
+    azimuth = (np.arctan2(*k["xyz"].T[1::-1]) - middle + np.pi) % (2 * np.pi)
+    rays = []
+    for ring in np.unique(k["index"][assigned.candidate]):
+        rows = np.flatnonzero(k["index"] == ring)
+        for at, way in ((azimuth[rows].argmin(), -1), (azimuth[rows].argmax(), 1)):
+            turn = geometry.so3_exp([0.0, 0.0, way * lidar.azimuth_step / 2])
+            rays.append(turn @ k["xyz"][rows[at]])
+    rays = np.reshape(rays, (-1, 3))
+    return rays / np.linalg.norm(rays, axis=1)[:, None]
 
 
-def of_measurements(kernel, T_sensor_target, data):
-    """(6, 6) of data (columns, n) about the right perturbation of T_sensor_target."""
-    n = data.shape[1]
-    J = np.array(kernel.map("all", "serial", n, [0], [])(T_sensor_target[:3], data)[1])
-    J = J.reshape(len(J), n, 6)
-    return np.einsum("kni,knj->ij", J, J)
-
-
-def chain(place, T_sensor_target):
-    """(6, 18): the right perturbation of T_sensor_target by those of T_robot_sensor, and of the
-    robot's and the target body's MCS pose in units of their σ; paper equation 1."""
-    T_robot_target = place.T_robot_body @ place.T_body_target
-    by_sensor, by_robot, by_body = (
-        geometry.adjoint(geometry.inverse(T))
-        for T in (T_sensor_target, T_robot_target, place.T_body_target)
-    )
-    return np.hstack([-by_sensor, -by_robot * place.sigma, by_body * place.sigma])
+def of_sides(lidar, target, T_sensor_target, ray):
+    """(6, 6) of the rays (n, 3) among those given that touch a cylinder's side, about the right
+    perturbation of T_sensor_target."""
+    axis, centre = T_sensor_target[:3, 0], T_sensor_target[:3, 3]
+    normal = np.cross(axis, ray)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    across = np.cross(normal, axis)
+    depth = (across @ centre) / np.sum(across * ray, 1)
+    along = np.abs(ray @ axis * depth - centre @ axis)
+    miss = np.abs(np.abs(normal @ centre) - target.radius)
+    turning = np.abs(np.sum(normal * np.cross([0.0, 0.0, 1.0], ray), 1))
+    rows = (miss < TANGENT * lidar.azimuth_step * depth) & (turning > edge.ALONG_SCAN)
+    rows &= along < target.length / 2 - edge.VERTEX_M
+    sigma = lidar.azimuth_step / np.sqrt(12) * turning * depth
+    side, one = np.sign(normal @ centre), np.ones(len(ray))
+    data = np.column_stack([ray, side, one, 1 / sigma])[rows].T
+    if not rows.any():
+        return np.zeros((6, 6))
+    kernel = expressions.kernel(limb.residual(lidar, target), len(limb.DATA))
+    every = kernel.map("every", "serial", data.shape[1], [0], [])
+    J = np.array(every(T_sensor_target[:3], data)[1]).reshape(-1, 6)
+    return J.T @ J

@@ -1,24 +1,36 @@
 """What a settled estimate says, as solution.json and as rows of residuals.parquet."""
 
+import itertools
 from importlib.metadata import version
 
 import numpy as np
 
-from calib import estimation, geometry, kinds, observability, rig, tables
+from calib import (
+    crossvalidation,
+    estimation,
+    geometry,
+    kinds,
+    observability,
+    quality,
+    rig,
+    suspicion,
+    tables,
+)
+from calib.information import covariance
 from calib.kinds.assignment import loss_weight
 from calib.status import OK, failed
 
 PACKAGES = ("casadi", "mcap", "numpy", "opencv-python-headless", "pyarrow", "rosbags", "scipy")
-UNIT = {"camera": "px", "lidar": "m"}
 
 
 def as_json(setup, result, known, options):
     """The content of solution.json; known: sensor -> (status before the solve, guess.json)."""
     names = sorted(setup.models)
-    open_directions = {n: directions(setup, result, i) for i, n in enumerate(names)}
-    status = {n: outcome(n, known, open_directions, result) for n in options["sensors"]}
+    open_directions = {n: directions(setup, result, n) for n in names}
+    status = {n: outcome(n, known, open_directions, setup, result) for n in options["sensors"]}
     solved = [n for n in names if status[n].ok]
     joint = joint_covariance(setup, result, solved) if solved else None
+    left = crossvalidation.leave_out(setup, result) if solved else []
     sensors = {}
     for name, (_, guess) in sorted(known.items()):
         sensors[name] = {
@@ -27,16 +39,21 @@ def as_json(setup, result, known, options):
             "status": status[name].to_dict(),
             "guess": {k: guess[k] for k in ("T_robot_sensor", "sigma", "source")},
             "undetermined": open_directions.get(name, []),
-            **pose_of(name, result, solved, joint),
-            **counts(name, options["sensors"][name]["kind"], setup, result),
+            **pose_of(name, result, solved, joint, guess),
+            **quality.counts(name, options["sensors"][name]["kind"], setup, result),
+            **tests_of(name, setup, result, left if name in solved else []),
         }
+    suspected = suspicion.suspicions(setup, result) if solved else []
     return {
         "rig": options["rig"],
         "settled": result.settled,
         "ipopt": result.solution.status if result.solution else None,
         "sensors": sensors,
         "joint_covariance": {"order": solved, "matrix": joint.tolist()} if solved else None,
-        "targets": dict.fromkeys(sorted(options["targets"])),
+        "pairs": pairs(result.state.T_robot_sensor, solved, joint),
+        "targets": targets(setup, result, options),
+        "suspicions": [s | {"shift": {n: s["shift"][n] for n in solved}} for s in suspected],
+        "influences": quality.influences(setup, left),
         "noise": noise(setup, result),
         "provenance": {
             "sessions": options["sessions"],
@@ -45,42 +62,66 @@ def as_json(setup, result, known, options):
     }
 
 
-def directions(setup, result, i):
-    """The undetermined directions of sensor i in words."""
-    name = sorted(setup.models)[i]
-    T = result.state.T_robot_sensor[name]
+def directions(setup, result, name):
+    """The undetermined directions of a sensor: [{direction (6,), unit twist, words}]."""
+    i, T = sorted(setup.models).index(name), result.state.T_robot_sensor[name]
+    common = observability.in_common(quality.seen(name, setup, result)[0])
     found = observability.undetermined(result.solution.information, len(setup.models), i)
-    return [observability.in_words(d, T) for d in found]
+    return [{"direction": d.tolist(), "words": observability.in_words(d, T, common)} for d in found]
 
 
-def outcome(name, known, open_directions, result):
+def outcome(name, known, open_directions, setup, result):
     """Status of one sensor after the solve."""
-    before, _ = known[name]
+    before, guess = known[name]
     if not before.ok:
         return before
     if open_directions[name]:
+        words = "; ".join(d["words"] for d in open_directions[name])
         return failed(
-            f"the data do not determine {name}: {'; '.join(open_directions[name])}",
+            f"the data do not determine {name}: {words}",
             f"{len(open_directions[name])} open directions",
             "none",
-            "Record placements that differ in those directions, with tilted targets.",
+            advice(name, setup, result),
         )
     if not result.solution.success:
         return failed(f"IPOPT ended with {result.solution.status}", remedy="See solve.log.")
     return OK
 
 
+def advice(name, setup, result):
+    """Which views would tell more of a sensor's pose (observability.advice)."""
+    lidar = isinstance(setup.models[name], rig.Lidar)
+    return observability.advice(*quality.seen(name, setup, result), lidar)
+
+
 def joint_covariance(setup, result, solved):
     """(6k, 6k) over the solved sensors in order; what is not solved is marginalised out."""
     names = sorted(setup.models)
     rows = [6 * names.index(n) + i for n in solved for i in range(6)]
-    return estimation.covariance(result.solution.information)[np.ix_(rows, rows)]
+    return covariance(result.solution.information)[np.ix_(rows, rows)]
 
 
-def pose_of(name, result, solved, joint):
-    """T_robot_sensor, its covariance and weakest direction; null for a sensor without a pose."""
+def pairs(T_robot_sensor, order, joint):
+    """[{from, to, T, covariance}] of every two of the sensors in order: T maps points of `to` into
+    `from`, with the covariance (6, 6) of its right perturbation, T·Exp(ξ), along the axes of `to`.
+
+    joint (6k, 6k): the covariance of their poses; what both share cancels.
+    """
+    out = []
+    for a, b in itertools.combinations(order, 2):
+        at = [6 * order.index(n) + i for n in (a, b) for i in range(6)]
+        T_r_a, T_r_b = T_robot_sensor[a], T_robot_sensor[b]
+        spread = geometry.covariance_of_relative(T_r_a, T_r_b, joint[np.ix_(at, at)])
+        T = rig.pose_json(geometry.inverse(T_r_a) @ T_r_b)
+        out.append({"from": a, "to": b, "T": T, "covariance": spread.tolist()})
+    return out
+
+
+def pose_of(name, result, solved, joint, guess):
+    """T_robot_sensor, its covariance, weakest direction, and distance from the guess in its σ; null
+    for a sensor without a pose."""
     if name not in solved:
-        return {"T_robot_sensor": None, "covariance": None, "weakest": None}
+        return dict.fromkeys(("T_robot_sensor", "covariance", "weakest", "correction"))
     T = result.state.T_robot_sensor[name]
     at = 6 * solved.index(name)
     block = joint[at : at + 6, at : at + 6]
@@ -89,34 +130,35 @@ def pose_of(name, result, solved, joint):
         "T_robot_sensor": rig.pose_json(T),
         "covariance": block.tolist(),
         "weakest": {"direction": words, "sigma": sigma},
+        "correction": quality.correction(T, guess),
     }
 
 
-def counts(name, kind, setup, result):
-    """Placements, observations and points used, share rejected, and the rms of what is left."""
-    used, views, squares, candidates, members = set(), set(), [], 0, 0
-    for g, a in zip(setup.groups, result.assigned, strict=True):
-        if g.sensor != name:
-            continue
-        member = a.feature >= 0
-        candidates += int(a.candidate.sum())
-        members += int((member & a.candidate).sum())
-        if member.any():
-            used.add(g.placement)
-            session = setup.placements[g.placement].session
-            views |= {(session, int(v)) for v in np.unique(g.keypoints["view"][member])}
-        unit = kinds.KINDS[g.kind].UNIT
-        if unit == UNIT[kind]:
-            squares.append((a.value[member] ** 2).sum(1))
-    squares = np.concatenate(squares) if squares else np.zeros(0)
-    rms = float(np.sqrt(squares.mean())) if len(squares) else None
+def tests_of(name, setup, result, left):
+    """What a verdict asks of one sensor beside its pose; left: crossvalidation.Left, or none."""
+    if name not in setup.models:
+        return {"tilt": {}, "fit": {}, "advice": "", "held_out": None, "predicted": None}
+    directions, _ = quality.seen(name, setup, result)
+    tilt = {k: observability.spread(v) for k, v in directions.items() if len(v)}
     return {
-        "placements": len(used),
-        "observations": len(views),
-        "points": members,
-        "rejected": 1 - members / candidates if candidates else 0.0,
-        "residual": {"rms": rms, "unit": UNIT[kind]},
+        "tilt": {k: v for k, v in tilt.items() if v is not None},
+        "fit": quality.fit(name, setup, result),
+        "advice": advice(name, setup, result),
+        "held_out": quality.held_out(name, left),
+        "predicted": crossvalidation.sigma_by_count(setup, result, name) if left else None,
     }
+
+
+def targets(setup, result, options):
+    """{name: {T_body_target, covariance} where it was estimated, else None}."""
+    out = dict.fromkeys(sorted(options["targets"]))
+    first = 6 * len(setup.models)
+    for i, name in enumerate(sorted(setup.mounts)):
+        at = slice(first + 6 * i, first + 6 * i + 6)
+        block = covariance(result.solution.information)[at, at]
+        pose = rig.pose_json(result.state.mounts[name])
+        out[name] = {"T_body_target": pose, "covariance": block.tolist()}
+    return out
 
 
 def noise(setup, result):
@@ -126,7 +168,7 @@ def noise(setup, result):
         sigmas = [
             g.keypoints["sigma"] for g in setup.groups if (g.sensor, g.kind) == (sensor, kind)
         ]
-        out.setdefault(sensor, {})[kind] = float(scale * np.median(np.concatenate(sigmas)))
+        out.setdefault(sensor, {})[kind] = float(scale.total * np.median(np.concatenate(sigmas)))
     return {"sensors": out, "mocap_factor": float(result.state.mocap)}
 
 

@@ -102,13 +102,16 @@ _KEYPOINT = (
     _column("xyz", _vector(3), unit="m", frame="lidar", meaning="point; unit ray of an edge; NaN"),
     _column("uv", _vector(2), unit="px", meaning="NaN for a lidar"),
     _column("sigma", pa.float64(), unit="px, m or rad", meaning="by kind"),
+    _column(
+        "whiten", _vector(3), meaning="a, b, c: ((a, b), (0, c)) makes errors of (u, v) σ; NaN"
+    ),
 )
 
-KEYPOINTS = _schema("keypoints", 1, *_KEYPOINT)
+KEYPOINTS = _schema("keypoints", 2, *_KEYPOINT)
 
 PAIRS = _schema(
     "pairs",
-    1,
+    2,
     _column("sensor", TEXT),
     *_KEYPOINT,
     _column("feature", pa.int32(), meaning="corner, edge or template point; -1 not paired"),

@@ -1,8 +1,36 @@
-"""Pass, warn or fail, from stated limits, each with a reason in words and numbers."""
+"""Pass, warn or fail, from stated limits, each with a reason in words and numbers, and a remedy."""
 
 import numpy as np
 
 LEVELS = ("pass", "warn", "fail")
+MM, PERCENT, DEG = 1e3, 100.0, np.degrees(1.0)
+# Checks in order of importance: what is wrong comes before what it does to the numbers.
+CHECKS = (
+    "status", "suspicion", "tilt_deg", "rejected", "mocap_factor", "noise_factor", "beyond",
+    "whiteness", "heldout", "sigma_m", "sigma_deg", "placements", "correction_sigma", "settled",
+)  # fmt: skip
+# Those that say that measurements and model disagree: more views of the same would not help.
+MISFIT = {"suspicion", "rejected", "mocap_factor", "noise_factor", "beyond", "whiteness", "heldout"}
+REMEDY = {
+    "rejected": "see what was left out and where (section 5): a stand, a hand, a wrong size or "
+    "mount of a target, or wrong lens parameters",
+    "rejected edge": "measure outline_m, and see where the crossings lie (section 5)",
+    "rejected corner": "measure square_m and T_body_target; if they are right, the lens parameters "
+    "or single views are wrong (sections 5 and 6)",
+    "mocap_factor": "state mocap.pose_sigma and pose_bias_sigma as they are; if they are, look for "
+    "a wrong size or T_body_target of a target, wrong lens parameters, or a clock that is off",
+    "noise_factor": "see the residuals (section 5) for what the noise stands for; state the "
+    "sensor's own noise if it is what it is",
+    "beyond": "see the overlays of the worst views for what does not belong to the target",
+    "whiteness": "see the residuals by ring or over the image: an error of single beams, of the "
+    "lens or of the printed pattern repeats itself",
+    "heldout": "see the most influential placements (section 5): one may not have been still, or "
+    "something that nobody estimates is wrong",
+    "placements": "hold targets still in more places that it sees; section 3 says where frames "
+    "were lost",
+    "correction_sigma": "check the first guess and its sigma; if both are sure, the result is not",
+    "settled": "see section 7, and mend what else is wrong first",
+}
 
 
 def worst(levels):
@@ -19,51 +47,190 @@ def level(value, limits, key, large_is_bad=True):
     return "pass"
 
 
-def _above(value, limits, what, unit, key, scale=1.0):
-    """(level, reason) of a value that must not exceed its limits."""
-    found = level(value, limits, key)
-    if found == "pass":
-        return found, ""
-    limit = limits[f"{found}_{key}"] * scale
-    return found, f"{what} {value * scale:.3g} {unit}, {found} above {limit:.3g} {unit}"
+def finding(check, sensors, found, text, remedy, value=None, limit=None):
+    """One entry of the verdict; sensors: names of those whose level it concerns."""
+    return {
+        "check": check,
+        "sensor": sensors[0] if len(sensors) == 1 else None,
+        "sensors": sensors,
+        "level": found,
+        "value": value,
+        "limit": limit,
+        "text": text,
+        "remedy": remedy,
+    }
 
 
-def _below(value, limits, what, key):
-    """(level, reason) of a value that must reach its limits."""
-    found = level(value, limits, key, large_is_bad=False)
+def _measured(name, value, limits, check, words, scale=1.0, unit="", large=True, remedy=None):
+    """[finding] of a value that is beyond its limits, else []."""
+    found = level(value, limits, check, large)
     if found == "pass":
-        return found, ""
-    return found, f"{what} {value}, {found} below {limits[f'{found}_{key}']}"
+        return []
+    limit = limits[f"{found}_{check}"]
+    side = "above" if large else "below"
+    shown, most = (f"{v * scale:.3g}{unit}" for v in (value, limit))
+    text = f"{words} {shown}, {found} {side} {most}"
+    text = f"{name}: {text}" if name else text
+    remedy = REMEDY[check] if remedy is None else remedy
+    return [finding(check, [name] if name else [], found, text, remedy, value, limit)]
 
 
 def of_sensor(name, sensor, limits):
-    """(level, reasons) of one sensor of solution.json."""
+    """Findings on one sensor of solution.json, but for its σ."""
     if not sensor["status"]["ok"]:
         status = sensor["status"]
-        text = status["reason"] + (f"; {status['remedy']}" if status["remedy"] else "")
-        return "fail", [f"{name}: {text}"]
+        return [finding("status", [name], "fail", f"{name}: {status['reason']}", status["remedy"])]
+    out = _measured(name, sensor["rejected"], limits, "rejected", "rejected", PERCENT, " %")
+    out += _measured(name, sensor["placements"], limits, "placements", "placements", large=False)
+    for kind, fit in sorted(sensor["fit"].items()):
+        if not out or out[0]["check"] != "rejected":
+            out += _rejected(name, kind, fit["rejected"], sensor["left_out"], limits)
+        out += _of_fit(name, kind, fit, limits)
+    out += _of_tilt(name, sensor, limits)
+    if sensor["held_out"]:
+        words = "placements left out differ from what the others predict by, in their σ,"
+        out += _measured(name, sensor["held_out"]["ratio"], limits, "heldout", words)
+    if sensor["correction"] is not None:
+        words = "differs from the first guess by, in its σ,"
+        out += _measured(name, sensor["correction"], limits, "correction_sigma", words)
+    return out
+
+
+def _rejected(name, kind, share, left_out, limits):
+    """Findings on the share of one kind of measurement that the gate refused, and where it lies."""
+    sides = sorted((r for r in left_out if r["kind"] == kind), key=lambda r: -r["count"])
+    where = f", mostly {sides[0]['where']} of {sides[0]['target']}," if sides else ""
+    words = f"rejected of the {kind} measurements{where}"
+    remedy = REMEDY.get(f"rejected {kind}", REMEDY["rejected"])
+    return _measured(name, share, limits, "rejected", words, PERCENT, " %", remedy=remedy)
+
+
+def _of_fit(name, kind, fit, limits):
+    """Findings on the residuals of one kind of measurement."""
+    return [
+        *_measured(
+            name,
+            fit["noise_factor"],
+            limits,
+            "noise_factor",
+            f"noise of {kind} measurements over the configured",
+        ),
+        *_measured(
+            name, fit["beyond"], limits, "beyond", f"{kind} residuals beyond 3 σ", PERCENT, " %"
+        ),
+        *_measured(
+            name,
+            fit["whiteness"],
+            limits,
+            "whiteness",
+            f"mean {kind} residuals that repeat in all placements, in their σ,",
+        ),
+    ]
+
+
+def _of_tilt(name, sensor, limits):
+    """Findings on targets that all point the same way, where that leaves a direction loose."""
+    tilt = sensor["tilt"]
+    only = set(tilt) == {"axes"} or (set(tilt) == {"normals"} and sensor["kind"] == "lidar")
+    if not only:
+        return []
+    ((what, degrees),) = tilt.items()
+    words = {"axes": "axes of the cylinders", "normals": "normals of the boards"}[what]
+    words = f"{words} differ by at most"
+    remedy = sensor["advice"]
+    return _measured(name, degrees, limits, "tilt_deg", words, 1, "°", large=False, remedy=remedy)
+
+
+def of_sigma(name, sensor, limits, misfit):
+    """Findings on the σ of one sensor with a pose; misfit: whether model and data disagree."""
     sigma = np.sqrt(np.diag(sensor["covariance"]))
-    checks = (
-        _above(sigma[:3].max(), limits, "position σ", "mm", "sigma_m", 1e3),
-        _above(np.degrees(sigma[3:].max()), limits, "rotation σ", "deg", "sigma_deg"),
-        _above(sensor["rejected"], limits, "rejected", "%", "rejected", 100),
-        _below(sensor["placements"], limits, "placements", "placements"),
+    values = {"sigma_m": sigma[:3].max(), "sigma_deg": sigma[3:].max() * DEG}
+    told = {"sigma_m": ("position σ", MM, " mm"), "sigma_deg": ("rotation σ", 1.0, "°")}
+    out = []
+    for check, value in values.items():
+        words, scale, unit = told[check]
+        remedy = "mend what else is wrong first: it widens σ, and more views would not help"
+        if not misfit:
+            remedy = _more_views(sensor, check, value, limits)
+        out += _measured(name, float(value), limits, check, words, scale, unit, remedy=remedy)
+    return out
+
+
+def _more_views(sensor, check, value, limits):
+    """Which views would narrow σ, and about how many."""
+    n, limit = sensor["placements"], limits[f"warn_{check}"]
+    needed = int(np.ceil(n * (value / limit) ** 2)) if np.isfinite(value) else None
+    remedy = f"least certain: {sensor['weakest']['direction']}. {sensor['advice']}"
+    if needed and needed > n:
+        remedy += f" About {needed} placements like the {n} so far would reach the limit."
+    return remedy
+
+
+def of_suspicion(suspected, solution, limits):
+    """Findings on one suspicion of solution.json: one that is sure, and that matters."""
+    if suspected["chance"] > limits["warn_suspicion_chance"]:
+        return []
+    shift = suspected["shift"]
+    moved = {
+        n: s
+        for n, s in shift.items()
+        if s["sigmas"] > limits["warn_shift_sigma"] and s["m"] > limits["warn_shift_m"]
+    }
+    widened = _widened(suspected, solution, limits)
+    if not moved and not widened:
+        return []
+    grave = [
+        n
+        for n, s in moved.items()
+        if s["m"] > limits["fail_sigma_m"] or s["rad"] * DEG > limits["fail_sigma_deg"]
+    ]
+    effect = [
+        f"would move {n} by {s['m'] * MM:.2g} mm and {s['rad'] * DEG:.2g}°"
+        for n, s in sorted(moved.items())
+    ]
+    effect += [f"would explain {v * PERCENT:.0f} % of {_words(k)}" for k, v in widened.items()]
+    rivals = "".join(f"; or {r['text']}" for r in suspected["rivals"])
+    text = f"probably {suspected['text']}: mending it {' and '.join(effect)}{rivals}"
+    remedy = "; ".join(
+        dict.fromkeys([suspected["remedy"], *(r["remedy"] for r in suspected["rivals"])])
     )
-    reasons = [f"{name}: {text}" for found, text in checks if found != "pass"]
-    weak = sensor["weakest"]
-    if any("σ" in r for r in reasons):
-        reasons.append(f"{name}: least certain {weak['direction']}; add views that differ there")
-    return worst([found for found, _ in checks]), reasons
+    sensors = sorted(grave or (set(moved) | {w.split("/")[0] for w in widened if "/" in w}))
+    return [finding("suspicion", sensors, "fail" if grave else "warn", text, remedy)]
+
+
+def _words(noise):
+    """`the edge residuals of lidar` for `lidar/edge`."""
+    sensor, _, kind = noise.partition("/")
+    return f"the {kind} residuals of {sensor}" if kind else "the errors of the MCS poses"
+
+
+def _widened(suspected, solution, limits):
+    """{noise: share} of the noises that are far above the configured and that it explains."""
+    factors = {"mocap": solution["noise"]["mocap_factor"]}
+    for name, sensor in solution["sensors"].items():
+        factors |= {f"{name}/{kind}": f["noise_factor"] for kind, f in sensor["fit"].items()}
+    return {
+        key: share
+        for key, share in sorted(suspected["explained"].items())
+        if share > limits["warn_explained"] and factors.get(key, 0.0) > limits["warn_widened"]
+    }
 
 
 def of_rig(solution, limits):
-    """(level, reasons, level per sensor) of a solution.json."""
-    levels, reasons = {}, []
-    for name, sensor in sorted(solution["sensors"].items()):
-        levels[name], why = of_sensor(name, sensor, limits)
-        reasons += why
-    overall = worst(levels.values())
+    """(level, findings in order of importance, level per sensor) of a solution.json."""
+    sensors = sorted(solution["sensors"].items())
+    found = [f for name, sensor in sensors for f in of_sensor(name, sensor, limits)]
+    found += [f for s in solution["suspicions"] for f in of_suspicion(s, solution, limits)]
+    words = "errors of the motion capture's poses over the stated σ"
+    found += _measured("", solution["noise"]["mocap_factor"], limits, "mocap_factor", words)
     if solution["ipopt"] is not None and not solution["settled"]:
-        overall = worst([overall, "warn"])
-        reasons.append("the rounds of solving and re-association did not settle; see iterations")
-    return overall, reasons, levels
+        text = "the rounds of solving and re-association did not settle"
+        found.append(finding("settled", [], "warn", text, REMEDY["settled"]))
+    rig_wide = any(f["check"] in MISFIT and not f["sensors"] for f in found)
+    for name, sensor in sensors:
+        if sensor["covariance"] is not None:
+            misfit = rig_wide or any(f["check"] in MISFIT and name in f["sensors"] for f in found)
+            found += of_sigma(name, sensor, limits, misfit)
+    found.sort(key=lambda f: (-LEVELS.index(f["level"]), CHECKS.index(f["check"])))
+    levels = {name: worst(f["level"] for f in found if name in f["sensors"]) for name, _ in sensors}
+    return worst(f["level"] for f in found), found, levels

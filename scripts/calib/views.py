@@ -1,7 +1,8 @@
 """Which frames may show a target, and the part of each around it.
 
-All of it rests on a guess of the sensor's pose, so every window grows by `margin` (6,): the twist
-by which the guess may be wrong, m and rad.
+All of it rests on a guess of the sensor's pose, so every window and limit grows by `margin` (6,):
+the twist by which the guess may be wrong, m and rad. What is in view from anywhere within it is
+then kept, wherever within it the guess lies; a margin of zero decides at the pose itself.
 """
 
 import numpy as np
@@ -18,10 +19,13 @@ def spread(margin, distance):
 
 
 def hidden_from_lidar(lidar, target, T_sensor_target, margin, options):
-    """Why a lidar cannot see a target well enough, in words; "" when it can."""
+    """Why a lidar cannot see a target well enough, in words; "" when it can.
+
+    With a margin: why it cannot wherever within it the lidar may be.
+    """
     centre = geometry.transform(T_sensor_target, target.centre)
-    distance = np.linalg.norm(centre)
-    if not lidar.range[0] < distance < lidar.range[1]:
+    distance, shift = np.linalg.norm(centre), np.linalg.norm(margin[:3])
+    if not lidar.range[0] - shift < distance < lidar.range[1] + shift:
         return f"at {distance:.1f} m, outside range_m"
     slack = spread(margin, distance) + np.arcsin(min(1.0, target.reach / distance))
     azimuth, elevation = np.arctan2(centre[1], centre[0]), np.arcsin(centre[2] / distance)
@@ -31,41 +35,67 @@ def hidden_from_lidar(lidar, target, T_sensor_target, margin, options):
     ):
         if limits and not limits[0] - slack < angle < limits[1] + slack:
             return f"outside {name}_deg"
-    reason, cosine = _turned_away(target, T_sensor_target, options)
-    expected = target.area * cosine / distance**2 / lidar.azimuth_step / lidar.elevation_step
+    reason, cosine = _turned_away(target, T_sensor_target, margin, options)
+    nearest = max(distance - shift, target.reach)
+    expected = target.area * cosine / nearest**2 / lidar.azimuth_step / lidar.elevation_step
     if not reason and expected < options["min_returns"]:
         return "too few returns expected"
     return reason
 
 
 def hidden_from_camera(camera, target, T_sensor_target, margin, options):
-    """Why a camera cannot see what it could find of a target, in words; "" when it can."""
+    """Why a camera cannot see what it could find of a target, in words; "" when it can.
+
+    With a margin: why it cannot wherever within it the camera may be.
+    """
     points = geometry.transform(T_sensor_target, target.image_points())
     if len(points) == 0:
         return "neither pattern nor color on the target"
-    reason, _ = _turned_away(target, T_sensor_target, options)
+    reason, _ = _turned_away(target, T_sensor_target, margin, options)
     if reason:
         return reason
-    uv, valid = camera.project(points)
+    turn = spread(margin, np.linalg.norm(points.mean(0)))
+    uv, valid, inside = _in_image(camera, points, turn)
+    if not inside.all():
+        return "outside the image" if valid.all() else "outside what the lens sees"
     if not valid.all():
-        return "outside what the lens sees"
-    if not camera.in_image(uv, -margin_px(camera, points.mean(0), margin)).all():
-        return "outside the image"
-    if target.pattern and np.linalg.norm(uv[1] - uv[0]) < MIN_SQUARE_PX:
+        return ""
+    # A point nearer by the margin, or away from the rim of a lens, appears larger.
+    larger = 1 + 2 * turn
+    if target.pattern and np.linalg.norm(uv[1] - uv[0]) * larger < MIN_SQUARE_PX:
         return "squares too small"
-    if target.color and np.sqrt(np.linalg.det(np.cov(uv.T))) < MIN_BLOB_PX**2:
+    if target.color and np.sqrt(np.linalg.det(np.cov(uv.T))) * larger**2 < MIN_BLOB_PX**2:
         return "too small in the image"
     return ""
 
 
-def _turned_away(target, T_sensor_target, options):
+def _in_image(camera, points, turn):
+    """Pixels (n, 2) of points (n, 3), where there are any (n,), and whether each may be in the
+    image (n,) when the camera is turned by up to `turn`, rad, about its x and y axes."""
+    uv, valid = camera.project(points)
+    inside = valid & camera.in_image(uv)
+    for about in ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (-1, 1), (1, -1), (1, 1)):
+        if inside.all() or turn == 0:
+            break
+        turned = points @ geometry.so3_exp(turn * np.array([*about, 0.0])).T
+        at, ok = camera.project(turned)
+        inside |= ok & camera.in_image(at)
+    return uv, valid, inside
+
+
+def _turned_away(target, T_sensor_target, margin, options):
+    """(why a target shows a sensor too little of its face, cosine of incidence), at best: the
+    sensor may stand elsewhere by the margin, which the target sees under an angle."""
     sensor = geometry.inverse(T_sensor_target)[:3, 3]
     facing, cosine = target.faces(sensor)
-    if not facing:
+    shift = np.linalg.norm(margin[:3]) / np.linalg.norm(sensor - target.centre)
+    slack = np.arcsin(min(1.0, shift))
+    if not facing and (slack == 0 or cosine <= -np.sin(slack)):
         return "seen from behind", 0.0
-    if cosine < np.cos(np.radians(options["max_incidence_deg"])):
-        return "seen too flat", cosine
-    return "", cosine
+    incidence = max(0.0, np.arccos(np.clip(cosine, -1, 1)) - slack)
+    if incidence > np.radians(options["max_incidence_deg"]):
+        return "seen too flat", np.cos(incidence)
+    return "", np.cos(incidence)
 
 
 def margin_px(camera, p_camera, margin):
@@ -106,8 +136,16 @@ def region(camera, target, T_sensor_target, margin):
     return low[0], high[0], low[1], high[1]
 
 
+def new_poses(T, numbers, options):
+    """Of the placements `numbers` (k,) those that are new, the most different first; T (n, 4, 4)
+    of all placements, in the robot frame: no guess of a sensor has a part in it."""
+    numbers = np.asarray(numbers, int)
+    least = options["min_distance_m"], np.radians(options["min_angle_deg"])
+    return numbers[most_different(T[numbers], *least, len(numbers))]
+
+
 def most_different(T, min_distance, min_angle, most):
-    """Indices of at most `most` poses T (n, 4, 4), each new against all others chosen, in order.
+    """Indices of at most `most` poses T (n, 4, 4), each new against all others chosen.
 
     Farthest first: the next is the one whose nearest chosen pose is farthest, with distances in
     units of min_distance, m, and min_angle, rad; ties go to the earlier. What is left over is
@@ -126,7 +164,7 @@ def most_different(T, min_distance, min_angle, most):
         )
         nearest = np.minimum(nearest, far)
         nearest[chosen] = -1
-    return np.sort(np.array(chosen))
+    return np.array(chosen)
 
 
 def evenly(n, most):

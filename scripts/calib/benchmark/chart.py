@@ -8,7 +8,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from calib.benchmark import measure
+from calib.benchmark.measure import goal
 from calib.benchmark.rows import DEFAULT
 
 SIZE = (9.0, 6.4)  # inch
@@ -25,18 +25,21 @@ MARKS = {  # marker, colour, size
 FLOOR = (1e-6, 1e-7)  # mm, deg: below it an error is drawn at the edge
 
 
-def marks(line):
-    """{what: (mm, deg)} that one line puts into the figure."""
+def marks(line, drawn):
+    """{what: (mm, deg)} that one line puts into the figure; drawn: {(key, N): Statistics} of many
+    draws of the noise, which say more than the error of one log."""
     out = {line.method: line.error}
     if line.method == DEFAULT:
-        out["goal"] = measure.goal(line)
+        many = drawn.get((line.row.key, line.n))
+        out["goal"] = goal(line.row, line.n, many or line)
+        out[DEFAULT] = many.rms if many else line.error
         out["paper"] = line.row.paper.get(line.n)
     cpp = line.row.cpp.get(line.method, {}).get(line.n)
     out["C++" if line.method == DEFAULT else f"C++ {line.method}"] = cpp
     return {k: v for k, v in out.items() if v is not None and np.all(np.isfinite(v))}
 
 
-def figure(lines):
+def figure(lines, drawn):
     """Millimetres on the left, degrees on the right, one row per case and N."""
     matplotlib.rcdefaults()
     matplotlib.rcParams.update({"svg.fonttype": "none", "font.size": 8})
@@ -45,7 +48,7 @@ def figure(lines):
     axes = fig.subplots(1, 2, sharey=True)
     for i, (ax, unit) in enumerate(zip(axes, ("mm", "deg"), strict=True)):
         for line in lines:
-            for what, value in marks(line).items():
+            for what, value in marks(line, drawn).items():
                 marker, color, size = MARKS[what]
                 y = rows.index((line.row.key, line.n))
                 x = max(value[i], FLOOR[i])
@@ -65,9 +68,9 @@ def legend(fig):
     fig.legend(handles, shown, loc="upper center", ncols=len(shown), frameon=False)
 
 
-def svg(lines):
-    """The figure as SVG, the same bytes for the same lines."""
-    fig, buffer = figure(lines), io.StringIO()
+def svg(lines, drawn):
+    """The figure as SVG, the same bytes for the same figures."""
+    fig, buffer = figure(lines, drawn), io.StringIO()
     matplotlib.rcParams["svg.hashsalt"] = "benchmark"
     FigureCanvasSVG(fig).print_svg(buffer, metadata={"Date": None})
     return buffer.getvalue().encode()

@@ -8,8 +8,10 @@ import json
 import numpy as np
 import yaml
 
-from calib import config, estimation, kinds, placements, reference, rig, tables, targets
+import solve
+from calib import config, geometry, kinds, placements, reference, tables
 from calib.benchmark import cost, measure, plan, rows
+from calib.benchmark.statistics import Draw
 
 UNKNOWN = (np.nan, np.nan), np.nan
 
@@ -33,9 +35,7 @@ def truth(logs, case):
 
 def outcomes(run, logs, cases):
     """{case: Outcome}; every method of a row is held against what the surface could tell."""
-    folder = run / rows.DEFAULT / "config"
-    loaded = config.load(yaml.safe_load((folder / "config.yaml").read_text()), folder)
-    references, out = {}, {}
+    loaded, references, out = load(run), {}, {}
     for case in sorted(cases, key=lambda c: c.method != rows.DEFAULT):
         path, known = run / plan.home(case) / plan.jobs([case])[0], truth(logs, case)
         key = case.row.key, *case.log
@@ -50,6 +50,12 @@ def outcomes(run, logs, cases):
     return out
 
 
+def load(run):
+    """(config, rigs, targets) of what the default method was run with, complete."""
+    folder = run / rows.DEFAULT / "config"
+    return config.load(yaml.safe_load((folder / "config.yaml").read_text()), folder)
+
+
 def reference_of(run, case, known, loaded):
     """(mm, deg) that the data of a case could tell of its sensor, and the error of its pixels.
 
@@ -57,25 +63,44 @@ def reference_of(run, case, known, loaded):
     """
     settings, rigs, bodies = loaded
     name = case.row.sensor
-    shape, sensor = bodies[case.target], rigs[case.name]["sensors"][name]
     folder = run / plan.home(case) / "results" / case.name / case.name
-    pairs, _, _ = tables.read(folder / "pairs.parquet", tables.PAIRS)
+    pairs, _, notes = tables.read(folder / "pairs.parquet", tables.PAIRS)
     table, _, _ = tables.read(folder / "placements.parquet", tables.PLACEMENTS)
     table["pose_factor"] = 1 / np.sqrt(table["samples"])
+    options = {
+        "sensors": {name: rigs[case.name]["sensors"][name]},
+        "targets": {case.target: bodies[case.target]},
+        "associate": settings["associate"],
+    }
     noise = mocap_noise(known["arguments"])
-    places = placements.still(table, case.name, {case.target: shape}, noise)
-    setup = estimation.Setup(
-        models={name: rig.model(sensor)},
-        targets={case.target: targets.from_config(shape)},
-        placements=list(places.values()),
-        groups=placements.groups(pairs, name, {number: i for i, number in enumerate(places)}),
-        associate=settings["associate"],
-        prior={},
-    )
+    places = placements.still(table, case.name, options["targets"], noise)
+    setup, _ = solve.setup_of({case.name: (pairs, notes, places)}, {}, options)
     true = {name: np.array(known["sensors"][name]["T_robot_sensor"]["matrix"])}
-    found, sigmas = reference.evaluate(setup, true, known["arguments"]["range_noise_m"])
-    pixels = [s for (_, kind), s in sigmas.items() if kinds.KINDS[kind].UNIT == "px"]
-    return measure.spread(found[name]), pixels[0] if pixels else np.nan
+    found = reference.evaluate(setup, true, known["arguments"]["range_noise_m"])
+    pixels = [s for (_, kind), s in found.sigma.items() if kinds.KINDS[kind].UNIT == "px"]
+    return measure.spread(found.covariance[name]), pixels[0] if pixels else np.nan
+
+
+def full_runs(run, logs, names):
+    """{sensor: Draws} of the sessions so named, each with a rig and a log of its name."""
+    out = {}
+    for name in names:
+        path, known = run / f"results/{name}/calibration.json", logs / name / "truth.json"
+        true = json.loads(known.read_text())["sensors"]
+        found = json.loads(path.read_text())["sensors"] if path.exists() else dict.fromkeys(true)
+        for sensor in sorted(true):
+            T_true = np.array(true[sensor]["T_robot_sensor"]["matrix"])
+            out.setdefault(sensor, []).append(_drawn(found[sensor], T_true))
+    return out
+
+
+def _drawn(sensor, T_true):
+    """The Draw of one sensor of calibration.json."""
+    if sensor is None or sensor["T_robot_sensor"] is None:
+        return Draw(None, None)
+    T = np.array(sensor["T_robot_sensor"]["matrix"])
+    error = geometry.se3_log(geometry.inverse(T) @ T_true)
+    return Draw(error, np.array(sensor["covariance"]))
 
 
 def mocap_noise(arguments):

@@ -90,11 +90,9 @@ def _rms(pairs):
     return tuple(np.sqrt(np.mean(np.square(pairs), axis=0)).tolist())
 
 
-def goal(line):
-    """(mm, deg) that the line is held to: the row's own, or a multiple of the reference."""
-    if line.row.goal is None:
-        return tuple(ENSEMBLE * r for r in line.reference)
-    return line.row.goal[line.n]
+def goal(row, n, found):
+    """(mm, deg) that a row is held to at N: its own, or a multiple of the reference found."""
+    return row.goal[n] if row.goal else tuple(ENSEMBLE * r for r in found.reference)
 
 
 def lines(outcomes):

@@ -14,14 +14,22 @@ def log_name(kind, n, seed):
     return f"{kind}-n{n}-s{seed}"
 
 
-def simulations(cases, speed_placements):
-    """{folder: arguments of simulate.py}, the longest first, of the cases and of the speed row."""
+def full_names(runs):
+    """Folders of the logs that run through the whole pipeline, and names of their sessions."""
+    return [f"full-s{seed}" for seed in range(1, 1 + runs)]
+
+
+def simulations(cases, speed_placements, full_runs):
+    """{folder: arguments of simulate.py}, the longest first, of the cases, of the speed row and of
+    the full runs."""
     logs = sorted({case.log for case in cases}, key=lambda log: (-log[1], log[0], log[2]))
     speed = f"--rig {SPEED_RIG} --seed 1 --placements {speed_placements} {rows.GUESS}"
     commands = {SPEED: speed}
     for kind, n, seed in logs:
         arguments = f"{rows.LOGS[kind]} --seed {seed} --placements {n} {rows.GUESS}"
         commands[log_name(kind, n, seed)] = arguments
+    for seed, name in enumerate(full_names(full_runs), 1):
+        commands[name] = f"{rows.FULL} --seed {seed} {rows.GUESS}"
     return {name: text.split() for name, text in commands.items()}
 
 
@@ -34,6 +42,11 @@ def rig(case, simulated):
     """The rig of a case: the simulated one with only the sensor of its row."""
     sensors = {case.row.sensor: simulated["sensors"][case.row.sensor]}
     return {"body": simulated["body"], "mocap": simulated["mocap"], "sensors": sensors}
+
+
+def untold(simulated):
+    """A simulated rig without a word of the truth."""
+    return {key: value for key, value in simulated.items() if key != "truth"}
 
 
 def target(case, simulated):

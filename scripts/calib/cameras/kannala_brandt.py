@@ -47,7 +47,9 @@ def unproject(k, u, v):
         t2 = theta * theta
         slope = 1 + t2 * (3 * k[4] + t2 * (5 * k[5] + t2 * (7 * k[6] + t2 * 9 * k[7])))
         step = (_bend(k, theta) - goal) / np.where(np.abs(slope) > 1e-9, slope, 1e-9)
-        theta = np.clip(theta - step, 0, limit)
+        before, theta = theta, np.clip(theta - step, 0, limit)
+        if np.array_equal(theta, before):
+            break
     ok = np.abs(_bend(k, theta) - goal) < 1e-10 * (1 + goal)
     with np.errstate(invalid="ignore", divide="ignore"):
         scale = np.where(goal > 1e-15, np.sin(theta) / goal, 1.0)

@@ -7,3 +7,4 @@ view, and the working pose T_robot_sensor (4, 4), or None where nothing was foun
 from calib.extraction import camera, lidar
 
 SENSORS = {"camera": camera.extract, "lidar": lidar.extract}
+NOISE = {"camera": camera.NOISE, "lidar": lidar.NOISE}  # times σ: from how far members still count

@@ -4,45 +4,67 @@ import numpy as np
 
 from calib import images, limbs, tables
 from calib import views as windows
-from calib.extraction.job import LOOSE, columns_of, working_pose
-from calib.status import OK, failed
+from calib.extraction.job import LOOSE, columns_of, in_view, settle, working_pose
+from calib.status import OK
+
+NOISE = 100.0  # times σ: what the working pose starts from; errors of the MCS exceed a corner's σ
 
 
 def extract(job, views):
     """Keypoints of a camera's views (calib.extraction)."""
-    parts, outcomes = [], []
-    for i in np.flatnonzero(views["kept"]):
-        image = images.from_png(views["png"][i])
-        of_target = corners if job.targets[views["target"][i]].pattern else contour
-        part, status = of_target(job, views, i, image)
-        parts += [part] if status.ok else []
-        outcomes.append((int(views["view"][i]), status))
-    keypoints = tables.concatenate(parts, tables.KEYPOINTS)
-    if not parts:
+    kept = np.flatnonzero(views["kept"])
+    first = {i: seen(job, views, i, job.T_robot_sensor) for i in kept}
+    keypoints = tables.concatenate([p for p, s in first.values() if s.ok], tables.KEYPOINTS)
+    if len(keypoints["view"]) == 0:
+        outcomes = [(int(views["view"][i]), status) for i, (_, status) in first.items()]
         return keypoints, outcomes, None
     centre = job.expected(int(keypoints["placement"][0]))[:3, 3]
     wide = windows.margin_px(job.model, centre, job.margin) / keypoints["sigma"].min()
     T = working_pose(job, keypoints, job.T_robot_sensor, job.associate | LOOSE, wide)
-    return keypoints, outcomes, T
+    return settle(job, lambda at: at_pose(job, views, at, first), T, NOISE)
+
+
+def seen(job, views, i, T_robot_sensor):
+    """(keypoint columns, status) of one view."""
+    image = images.from_png(views["png"][i])
+    if job.targets[views["target"][i]].pattern:
+        return corners(job, views, i, image)
+    return contour(job, views, i, image, T_robot_sensor)
+
+
+def at_pose(job, views, T_robot_sensor, first):
+    """(parts of the keypoints, outcomes) of the views that count at a pose of the sensor.
+
+    first: (columns, status) of every view from the guess, which has no part in finding corners.
+    """
+    counts = in_view(job, views, T_robot_sensor, windows.hidden_from_camera)
+    parts, outcomes = [], []
+    for i, found in first.items():
+        part, status = None, counts[i]
+        if status.ok:
+            pattern = job.targets[views["target"][i]].pattern
+            part, status = found if pattern else seen(job, views, i, T_robot_sensor)
+        parts += [part] if status.ok else []
+        outcomes.append((int(views["view"][i]), status))
+    return parts, outcomes
 
 
 def corners(job, views, i, image):
     """(keypoint columns, status) of the pattern in one view's region (h, w, 3)."""
     pattern = job.targets[views["target"][i]].pattern
-    uv = pattern.detect(images.grey(image))
-    if uv is None:
-        size = f"{image.shape[1]} x {image.shape[0]} px"
-        return None, failed(f"no {pattern.name} in the region of {size}", "none", pattern.expected)
-    uv = uv + [views["u0"][i], views["v0"][i]]
-    sigma = job.options["corner_sigma_px"]
-    return columns_of(views, i, "corner", np.arange(len(uv)), uv=uv, sigma=sigma), OK
+    offset = np.array([views["u0"][i], views["v0"][i]])
+    found, status = pattern.locate(images.grey(image), job.model, offset)
+    if not status.ok:
+        return None, status
+    errors = {"sigma": found.sigma, "whiten": found.whiten}
+    return columns_of(views, i, "corner", found.index, uv=found.uv, **errors), status
 
 
-def contour(job, views, i, image):
+def contour(job, views, i, image, T_robot_sensor=None):
     """(keypoint columns, status) of the coloured blob in one view's region (h, w, 3): its sides, or
     all of its contour where the target is compared by points."""
     target = job.targets[views["target"][i]]
-    where = job.expected(int(views["placement"][i]))
+    where = job.expected(int(views["placement"][i]), T_robot_sensor)
     offset = np.array([views["u0"][i], views["v0"][i]])
     found, status = limbs.find(image, offset, target.color, job.model, target, where)
     if not status.ok:

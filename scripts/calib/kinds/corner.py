@@ -7,10 +7,10 @@ from calib import cameras, geometry
 from calib.kinds.assignment import Assignment
 
 UNIT, ROUNDING = "px", 1e-3
-DATA = ("u", "v", "x", "y", "z", "weight")
+DATA = ("u", "v", "x", "y", "z", "a", "b", "c", "weight")
 
 
-def assign(camera, target, T_sensor_target, keypoints, options, scale):
+def assign(camera, target, T_sensor_target, keypoints, options, noise):
     """Corners of each view numbered as the labelling that fits the prediction best.
 
     The offset common to a view is ignored, because a wrong guess shifts the whole pattern first;
@@ -19,18 +19,25 @@ def assign(camera, target, T_sensor_target, keypoints, options, scale):
     corners = target.pattern.corners()
     uv, valid = camera.project(geometry.transform(T_sensor_target, corners))
     n = len(keypoints["view"])
-    feature = np.full(n, -1)
+    corner = np.full(n, -1)
     for view in np.unique(keypoints["view"]):
         rows = np.flatnonzero(keypoints["view"] == view)
-        feature[rows] = _labelling(target.pattern, uv, keypoints, rows)
-    value = keypoints["uv"] - uv[feature]
-    sigma = scale * keypoints["sigma"]
-    far = np.linalg.norm(value, axis=1) > options["gate_sigma"] * sigma
-    feature[far | ~valid[feature]] = -1
-    ranges = np.linalg.norm(geometry.transform(T_sensor_target, corners[feature]), axis=1)
-    cosine = np.full(n, target.faces(geometry.inverse(T_sensor_target)[:3, 3])[1])
-    numbers = np.column_stack([keypoints["uv"], corners[feature]])
-    return Assignment(feature, np.ones(n, bool), sigma, value, ranges, cosine, numbers)
+        corner[rows] = _labelling(target.pattern, uv, keypoints, rows)
+    at, whiten = corners[corner], keypoints["whiten"]
+    cosine = target.faces(geometry.inverse(T_sensor_target)[:3, 3])[1]
+    return Assignment(
+        nearest=np.where(valid[corner], corner, -1),
+        trust=np.ones(n),
+        cell=np.maximum(corner, 0),
+        own=keypoints["sigma"],
+        value=keypoints["uv"] - uv[corner],
+        range=np.linalg.norm(geometry.transform(T_sensor_target, at), axis=1),
+        cosine=np.full(n, cosine),
+        numbers=np.column_stack([keypoints["uv"], at, whiten]),
+        noise=noise,
+        gate=options["gate_sigma"],
+        whiten=whiten,
+    )
 
 
 def _labelling(pattern, predicted, keypoints, rows):
@@ -44,12 +51,13 @@ def _labelling(pattern, predicted, keypoints, rows):
 
 
 def residual(camera, target):
-    """The measured pixel minus the projected point of the target, over σ; (2)."""
+    """The measured pixel minus the projected point of the target, whitened, over σ; (2)."""
     project = cameras.MODELS[camera.model].project
 
     def of(R, t, d):
         p = R @ d[2:5] + t
         u, v = project(camera.params, p[0], p[1], p[2])
-        return ca.vertcat(d[0] - u, d[1] - v) * d[5]
+        du, dv = d[0] - u, d[1] - v
+        return ca.vertcat(d[5] * du + d[6] * dv, d[7] * dv) * d[8]
 
     return of

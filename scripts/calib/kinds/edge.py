@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 
 from calib import geometry
-from calib.kinds.assignment import Assignment
+from calib.kinds.assignment import Assignment, cells
 from calib.targets import polygon
 
 UNIT, ROUNDING = "rad", None
@@ -13,11 +13,11 @@ VERTEX_M = 0.02  # a crossing nearer than this to a vertex may belong to either 
 ALONG_SCAN = 0.2  # an edge more parallel than this to the scan line fixes no crossing
 
 
-def assign(lidar, target, T_sensor_target, keypoints, options, scale):
+def assign(lidar, target, T_sensor_target, keypoints, options, noise):
     """Crossings of the outline, each with the edge nearest to where its ray meets the board.
 
     A crossing lies anywhere between two beams: σ is the step between them over √12, taken across
-    the edge. Several scans of a placement repeat the same crossings and count as one.
+    the edge. Where the scans of a placement repeat a crossing they have its error in common.
     """
     ray = keypoints["xyz"]
     T_target_sensor = geometry.inverse(T_sensor_target)
@@ -33,14 +33,20 @@ def assign(lidar, target, T_sensor_target, keypoints, options, scale):
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     angle = np.sum(normal * ray, 1)
     across = np.abs(np.sum(normal * np.cross([0.0, 0.0, 1.0], ray), 1))
-    sigma = scale * keypoints["sigma"] * np.maximum(across, ALONG_SCAN)
     clear = np.minimum(fraction, 1 - fraction) * length > VERTEX_M
     over = clear & (across > ALONG_SCAN) & (cosine > options["min_cosine"])
-    member = over & (np.abs(angle) < options["gate_sigma"] * sigma)
-    ranges = np.linalg.norm(hit - origin, axis=1)
-    numbers = np.column_stack([ray, ends.reshape(-1, 6)])
-    feature = np.where(member, index, -1)
-    return Assignment(feature, over, sigma, angle[:, None], ranges, cosine, numbers)
+    return Assignment(
+        nearest=index,
+        trust=over.astype(float),
+        cell=cells(index, keypoints["index"]),
+        own=keypoints["sigma"] * np.maximum(across, ALONG_SCAN),
+        value=angle[:, None],
+        range=np.linalg.norm(hit - origin, axis=1),
+        cosine=cosine,
+        numbers=np.column_stack([ray, ends.reshape(-1, 6)]),
+        noise=noise,
+        gate=options["gate_sigma"],
+    )
 
 
 def residual(lidar, target):

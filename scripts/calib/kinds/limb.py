@@ -3,15 +3,16 @@
 import casadi as ca
 import numpy as np
 
-from calib.kinds.assignment import Assignment, taper
+from calib.kinds.assignment import Assignment, cells, taper
 
 UNIT, ROUNDING = "px", 1e-2
 DATA = ("dx", "dy", "dz", "side", "px_per_m", "weight")
 TAPER_M = 0.02  # along the axis, over which the weight of a contour point fades in from an end
-STEP_PX = 0.1  # between the pixels from which the scale of the image is taken
+PIECES = 8  # of a limb, each with an error of its own that every image repeats
+STEP_RAD = 1e-4  # between the rays from which the scale of the image is taken
 
 
-def assign(camera, target, T_sensor_target, keypoints, options, scale):
+def assign(camera, target, T_sensor_target, keypoints, options, noise):
     """Contour points on the side of the cylinder, away from its ends.
 
     A ray touches the cylinder when its distance from the axis is the radius, on the side (+1, -1)
@@ -28,23 +29,32 @@ def assign(camera, target, T_sensor_target, keypoints, options, scale):
     across = np.cross(normal, axis)
     depth = (across @ centre) / np.sum(across * ray, 1)
     along = ray @ axis * depth - centre @ axis
-    px_per_m = _px_per_rad(camera, keypoints["uv"], ray, normal) / np.maximum(np.abs(depth), 1e-6)
+    px_per_m = _px_per_rad(camera, ray, normal) / np.maximum(np.abs(depth), 1e-6)
     value = gap * px_per_m
     trust = taper(target.length / 2 - options["edge_margin_m"] - np.abs(along), TAPER_M)
-    over = (trust > 0) & valid & (depth > 0)
-    sigma = scale * keypoints["sigma"] / np.sqrt(np.where(over, trust, 1.0))
-    member = over & (np.abs(value) < options["gate_sigma"] * sigma)
-    numbers = np.column_stack([ray, side, px_per_m])
-    touching = np.sqrt(np.clip(1 - (normal @ centre) ** 2 / (centre @ centre), 0, 1))
-    feature = np.where(member, 0, -1)
-    return Assignment(feature, over, sigma, value[:, None], depth, touching, numbers)
+    return Assignment(
+        nearest=np.zeros(len(side), int),
+        trust=np.where(valid & (depth > 0), trust, 0.0),
+        cell=cells(side, _piece(along / target.length)),
+        own=keypoints["sigma"],
+        value=value[:, None],
+        range=depth,
+        cosine=np.sqrt(np.clip(1 - (normal @ centre) ** 2 / (centre @ centre), 0, 1)),
+        numbers=np.column_stack([ray, side, px_per_m]),
+        noise=noise,
+        gate=options["gate_sigma"],
+    )
 
 
-def _px_per_rad(camera, uv, ray, normal):
-    """Pixels (n,) per radian at uv (n, 2), where ray (n, 3) points, towards unit normals (n, 3)."""
-    right, down = (camera.unproject(uv + STEP_PX * step)[0] - ray for step in np.eye(2))
-    along_u, along_v = (np.sum(d * normal, 1) / STEP_PX for d in (right, down))
-    return 1 / np.maximum(np.hypot(along_u, along_v), 1e-12)
+def _piece(share):
+    """Number (n,) of the piece of the limb, from places along the axis as shares of its length."""
+    return np.floor(PIECES * np.clip(np.nan_to_num(share), -0.5, 0.5))
+
+
+def _px_per_rad(camera, ray, normal):
+    """Pixels (n,) per radian where rays (n, 3) point, towards unit normals (n, 3)."""
+    beside = [camera.project(ray + side * STEP_RAD * normal)[0] for side in (-1, 1)]
+    return np.linalg.norm(beside[1] - beside[0], axis=1) / (2 * STEP_RAD)
 
 
 def residual(camera, target):

@@ -10,21 +10,27 @@ from calib import geometry
 from calib.kinds.assignment import Assignment
 
 
-def assign(tree, T_sensor_target, keypoints, options, scale, shift):
+def assign(tree, T_sensor_target, keypoints, options, noise, shift):
     """Measured points, each with the nearest of the tree's points (m, 3), target frame.
 
     shift (3,): by which the measured points are moved, in the target frame, for the search alone.
     """
     p = keypoints["xyz"]
     q = geometry.transform(geometry.inverse(T_sensor_target), p)
-    distance, feature = tree.query(q + shift)
-    sigma = scale * keypoints["sigma"]
-    feature = np.where(distance < options["gate_sigma"] * sigma, feature, -1)
-    value = q - tree.data[feature]
-    ranges = np.linalg.norm(p, axis=1)
-    everything = np.ones(len(p), bool)
-    numbers = np.column_stack([p, tree.data[feature]])
-    return Assignment(feature, everything, sigma, value, ranges, np.ones(len(p)), numbers)
+    distance, near = tree.query(q + shift)
+    reach = options["gate_sigma"] * noise.total * keypoints["sigma"]
+    return Assignment(
+        nearest=np.where(distance < reach, near, -1),
+        trust=np.ones(len(p)),
+        cell=np.arange(len(p)),
+        own=keypoints["sigma"],
+        value=q - tree.data[near],
+        range=np.linalg.norm(p, axis=1),
+        cosine=np.ones(len(p)),
+        numbers=np.column_stack([p, tree.data[near]]),
+        noise=noise,
+        gate=options["gate_sigma"],
+    )
 
 
 def centred(tree, T_sensor_target, keypoints):
@@ -36,13 +42,13 @@ def centred(tree, T_sensor_target, keypoints):
 def against(tree_of):
     """(assign, first) of a kind whose measurements belong to points of tree_of(target)."""
 
-    def assign_to(lidar, target, T_sensor_target, keypoints, options, scale):
-        return assign(tree_of(target), T_sensor_target, keypoints, options, scale, 0.0)
+    def assign_to(lidar, target, T_sensor_target, keypoints, options, noise):
+        return assign(tree_of(target), T_sensor_target, keypoints, options, noise, 0.0)
 
-    def first(lidar, target, T_sensor_target, keypoints, options, scale):
+    def first(lidar, target, T_sensor_target, keypoints, options, noise):
         tree = tree_of(target)
         shift = centred(tree, T_sensor_target, keypoints)
-        return assign(tree, T_sensor_target, keypoints, options, scale, shift)
+        return assign(tree, T_sensor_target, keypoints, options, noise, shift)
 
     return assign_to, first
 

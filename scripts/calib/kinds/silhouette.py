@@ -11,32 +11,43 @@ UNIT, ROUNDING = "px", 1e-2
 DATA = corner.DATA
 RASTER = 2  # cells per projected spacing of the template
 MOST_CELLS = 4000  # along the raster
+ALIKE = (1.0, 0.0, 1.0)  # u and v are: the corner's whitening
 
 
-def assign(camera, target, T_sensor_target, keypoints, options, scale):
+def assign(camera, target, T_sensor_target, keypoints, options, noise):
     """Every contour pixel with the nearest point of the silhouette at the current pose."""
-    return _matched(camera, target, T_sensor_target, keypoints, options, scale, 0.0)
+    return _matched(camera, target, T_sensor_target, keypoints, options, noise, 0.0)
 
 
-def first(camera, target, T_sensor_target, keypoints, options, scale):
+def first(camera, target, T_sensor_target, keypoints, options, noise):
     """As assign, with the centroids of both contours laid on each other."""
     outline, uv = _silhouette(camera, target, T_sensor_target)
     shift = uv.mean(0) - keypoints["uv"].mean(0) if len(outline) else 0.0
-    return _matched(camera, target, T_sensor_target, keypoints, options, scale, shift)
+    return _matched(camera, target, T_sensor_target, keypoints, options, noise, shift)
 
 
-def _matched(camera, target, T_sensor_target, keypoints, options, scale, shift):
+def _matched(camera, target, T_sensor_target, keypoints, options, noise, shift):
     outline, uv = _silhouette(camera, target, T_sensor_target)
     n = len(keypoints["view"])
-    template, sigma = target.points.template, scale * keypoints["sigma"]
-    feature, value = np.full(n, -1), np.zeros((n, 2))
+    point, value = np.full(n, -1), np.zeros((n, 2))
     if len(outline):
+        reach = options["gate_sigma"] * noise.total * keypoints["sigma"]
         distance, near = cKDTree(uv).query(keypoints["uv"] + shift)
         value = keypoints["uv"] - uv[near]
-        feature = np.where(distance < options["gate_sigma"] * sigma, outline[near], -1)
-    ranges = np.linalg.norm(geometry.transform(T_sensor_target, template[feature]), axis=1)
-    numbers = np.column_stack([keypoints["uv"], template[feature]])
-    return Assignment(feature, np.ones(n, bool), sigma, value, ranges, np.zeros(n), numbers)
+        point = np.where(distance < reach, outline[near], -1)
+    at = target.points.template[point]
+    return Assignment(
+        nearest=point,
+        trust=np.ones(n),
+        cell=np.arange(n),
+        own=keypoints["sigma"],
+        value=value,
+        range=np.linalg.norm(geometry.transform(T_sensor_target, at), axis=1),
+        cosine=np.zeros(n),
+        numbers=np.column_stack([keypoints["uv"], at, np.tile(ALIKE, (n, 1))]),
+        noise=noise,
+        gate=options["gate_sigma"],
+    )
 
 
 def _silhouette(camera, target, T_sensor_target):

@@ -4,19 +4,19 @@ import casadi as ca
 import numpy as np
 
 from calib import geometry
-from calib.kinds.assignment import Assignment, taper
+from calib.kinds.assignment import Assignment, cells, taper
 
 UNIT, ROUNDING = "m", 1e-7
 DATA = ("x", "y", "z", "weight")
 TAPER_M, TAPER_COSINE = 0.01, 0.1  # over which the weight of a return fades in from a limit
 
 
-def assign(lidar, target, T_sensor_target, keypoints, options, scale):
+def assign(lidar, target, T_sensor_target, keypoints, options, noise):
     """Returns that lie on the target: over its surface, near it, and not at a grazing angle.
 
     The residual is along the beam, where the noise is: a distance across the surface would shrink,
     and with it the cost, when the target turns away, however true. Towards the rim and towards
-    grazing σ grows without bound, so that nothing jumps when a return comes or goes there.
+    grazing a return loses its weight, so that nothing jumps when it comes or goes there.
     """
     p = keypoints["xyz"]
     ranges = np.linalg.norm(p, axis=1)
@@ -25,12 +25,21 @@ def assign(lidar, target, T_sensor_target, keypoints, options, scale):
     beams = p @ T_target_sensor[:3, :3].T / np.maximum(ranges, 1e-9)[:, None]
     gap, cosine = target.gap(q.T, beams.T)
     trust = taper(cosine - options["min_cosine"], TAPER_COSINE)
-    trust *= taper(target.depth(q) - options["edge_margin_m"], TAPER_M)
-    over = trust > 0
-    sigma = scale * keypoints["sigma"] / np.sqrt(np.where(over, trust, 1.0))
-    member = over & (np.abs(gap) < options["gate_sigma"] * sigma)
-    feature = np.where(member, 0, -1)
-    return Assignment(feature, over, sigma, gap[:, None], ranges, cosine, p)
+    # Where the beam meets the surface, which noise along the beam does not move.
+    met = q + gap[:, None] * beams
+    trust *= taper(target.depth(met) - options["edge_margin_m"], TAPER_M)
+    return Assignment(
+        nearest=np.zeros(len(p), int),
+        trust=trust,
+        cell=cells(keypoints["index"]),
+        own=keypoints["sigma"],
+        value=gap[:, None],
+        range=ranges,
+        cosine=cosine,
+        numbers=p,
+        noise=noise,
+        gate=options["gate_sigma"],
+    )
 
 
 def residual(lidar, target):

@@ -69,3 +69,14 @@ COVERAGE_LIDAR = (
     "distances; normals of the boards (dots) and axes of the round targets (strokes), in the "
     "robot's frame, well apart: three boards that all face the same way leave two directions open."
 )
+SIGMA_BY_COUNT = (
+    "Would more placements help? The largest σ of each pose if only so many of its placements had "
+    "been recorded, the median over random choices of them, with the noise that all show. Good: "
+    "the curve has flattened, below the limit. Twice as many placements then bring it down by 1.4."
+)
+INFLUENCE = (
+    "Does the result hang on one placement? Bars: how far the pose moves without it, in its σ. "
+    "Dots: what the placement says of the target's pose against what the others predict, over what "
+    "both σ expect, per direction. Good: bars well below 1 where there are many, dots about 1 "
+    "(dashed). A dot above 3 was not still, or was seen wrongly by the motion capture."
+)

@@ -8,8 +8,8 @@ from calib.report.plots import BLUE, CYCLE, GUESS, INK, MUTED, RESULT
 AXIS_M = 0.12  # length of the arrows at a sensor
 MARGIN_M = 0.1
 NUMBERS = ("x", "y", "z"), ("roll", "pitch", "yaw")
-VIEWS = (((0, 1), "from above", "x, forward, m", "y, left, m"),
-         ((0, 2), "from the right", "x, forward, m", "z, up, m"))  # fmt: skip
+VIEWS = (((0, 1), "x and y of the body", "x, m", "y, m"),
+         ((0, 2), "x and z of the body", "x, m", "z, m"))  # fmt: skip
 
 
 def draw(run):

@@ -8,16 +8,6 @@ from calib import verdict as judge
 from calib.report import extrinsics, text
 from calib.report.extrinsics import MM
 
-ADVICE = {
-    "sigma_m": "{name}: record more placements, and more different ones: nearer, tilted, and where "
-    "they differ in its least certain direction ({weakest}).",
-    "rejected": "{name}: see its overlays and its residuals by placement; a wrong size or mount of "
-    "a target, a target that was not still, or wrong lens parameters reject much.",
-    "placements": "{name}: hold targets still in more places that it sees; section 3 says where "
-    "frames were lost.",
-}
-ADVICE["sigma_deg"] = ADVICE["sigma_m"]
-
 
 def largest_sigmas(sensor):
     """Largest σ of the position, m, and of the rotation, deg; None without a pose."""
@@ -30,18 +20,22 @@ def largest_sigmas(sensor):
 def checks(sensor):
     """Per limit: (heading, unit, key, factor to the unit, value, whether large is bad)."""
     position, rotation = largest_sigmas(sensor)
-    solved = position is not None
+    solved, held = position is not None, sensor["held_out"]
     return (
         ("largest position σ", "mm", "sigma_m", MM, position, True),
         ("largest rotation σ", "°", "sigma_deg", 1.0, rotation, True),
         ("rejected", "%", "rejected", 100.0, sensor["rejected"] if solved else None, True),
         ("placements", "", "placements", 1, sensor["placements"], False),
+        ("placements left out", "σ", "heldout", 1.0, held["ratio"] if held else None, True),
     )
 
 
 def _level(value, limits, key, large_is_bad):
-    """The judge's own level; a sensor without the value fails."""
-    return "fail" if value is None else judge.level(value, limits, key, large_is_bad)
+    """The judge's own level; a sensor without the value fails, but for placements left out, of
+    which there may be none."""
+    if value is None:
+        return "pass" if key == "heldout" else "fail"
+    return judge.level(value, limits, key, large_is_bad)
 
 
 def _limit(limits, key, factor, large_is_bad):
@@ -73,24 +67,19 @@ def verdict(run):
         "reasons": judged["reasons"],
         "heads": heads,
         "rows": rows,
-        "advice": advice(run, limits),
+        "advice": advice(judged["findings"]),
         "limits": {k: text.number(v) for k, v in sorted(limits.items())},
         "summary": f"{len(solved)} of {total} calibrated from {sessions}.",
     }
 
 
-def advice(run, limits):
-    """What to do about everything that did not pass, each advice once."""
-    out = []
-    for name, sensor in run.sensors.items():
-        if not sensor["T_robot_sensor"]:
-            out.append(f"{name}: {sensor['status']['remedy'] or sensor['status']['reason']}")
-            continue
-        for _, _, key, _, value, large in checks(sensor):
-            if _level(value, limits, key, large) != "pass":
-                weakest = extrinsics.least_certain(sensor)
-                out.append(ADVICE[key].format(name=name, weakest=weakest))
-    return list(dict.fromkeys(out))
+def advice(findings):
+    """[(level, who, what to do)] about everything that did not pass, each advice once."""
+    who = {}
+    for f in findings:
+        if f["remedy"]:
+            who.setdefault((f["level"], f["remedy"]), []).extend(f["sensors"])
+    return [(level, ", ".join(dict.fromkeys(names)), what) for (level, what), names in who.items()]
 
 
 def other_unknowns(run):

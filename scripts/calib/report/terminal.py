@@ -24,10 +24,11 @@ def lines(calibration, verdict, truth):
 
 
 def _some(reasons, most):
-    """The reasons, or the first of them and how many there are beside."""
-    if len(reasons) <= most:
-        return list(reasons)
-    shown = reasons[: most - 1]
+    """The reasons, or the first of them and how many there are beside; what is long is cut."""
+    told = [r if len(r) <= WIDEST else f"{r[: WIDEST - 1].rstrip()}…" for r in reasons]
+    if len(told) <= most:
+        return told
+    shown = told[: most - 1]
     return [*shown, f"and {text.plural(len(reasons) - len(shown), 'reason')} more, in the report"]
 
 

@@ -11,6 +11,7 @@ A shape is one module with a frozen dataclass that has
                         along the beam, and the cosine of incidence; likewise;
   depth(q)              (n,) how far, m, q (n, 3) lies inside the rim of the surface, at any
                         distance from it; negative beyond;
+  near_ends(q, reach)   (n,) whether q (n, 3) lies within reach, m, of a flat end (kinds.cap);
   faces(p)              whether a sensor at p (3,) sees it, and its cosine of incidence;
   edges()               (m, 2, 3) straight outline edges that a scan line can leave it by;
   image_points()        (n, 3), m: what of it must be inside an image that is to be used; none
@@ -20,7 +21,7 @@ A shape is one module with a frozen dataclass that has
   points                targets.points.Points where the target's method is `points`, else None;
   fit(points, T_sensor_target, margin, lidar, options)   indices of the returns (n, 3) of one
                         cluster that the shape explains, near where it may be.
-distance, gap and depth are not needed of a shape that is only ever compared by points.
+distance, gap, depth and near_ends are not needed of a shape that is only ever compared by points.
 
 To add a shape: write calib/targets/<name>.py and add it to SHAPES.
 """

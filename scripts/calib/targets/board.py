@@ -64,6 +64,9 @@ class Board:
     def depth(self, q):
         return -polygon.signed_distance(self.vertices, q[:, :2])
 
+    def near_ends(self, q, reach):
+        return np.zeros(len(q), bool)
+
     def faces(self, p):
         direction = p - self.centre
         cosine = direction[2] / np.linalg.norm(direction)

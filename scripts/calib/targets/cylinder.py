@@ -64,8 +64,18 @@ class Cylinder:
         approach = np.sqrt(inwards * inwards + least)
         return beyond / (approach + root), root / self.radius
 
+    def cap_gap(self, q, beam, end):
+        """As gap, to the flat end at +x (end 1) or -x (-1)."""
+        # Smoothly held away from zero, for beams along the end.
+        steep = beam[0] / (beam[0] * beam[0] + GRAZING**4)
+        return (end * self.length / 2 - q[0]) * steep, -end * beam[0]
+
     def depth(self, q):
         return self.length / 2 - np.abs(q[:, 0])
+
+    def near_ends(self, q, reach):
+        off = np.abs(np.abs(q[:, 0]) - self.length / 2)
+        return (off < reach) & (np.hypot(q[:, 1], q[:, 2]) < self.radius)
 
     def faces(self, p):
         distance = np.linalg.norm(p)

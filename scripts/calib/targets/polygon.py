@@ -5,21 +5,25 @@ import numpy as np
 
 def signed_distance(vertices, p):
     """Distance (n,), m, of points p (n, 2) to the outline (m, 2): negative inside."""
-    start, along = vertices, np.roll(vertices, -1, 0) - vertices
-    offset = p[:, None, :] - start
-    fraction = np.clip((offset * along).sum(-1) / (along * along).sum(-1), 0, 1)
-    nearest = np.linalg.norm(offset - fraction[..., None] * along, axis=-1).min(1)
+    x, y = p.T
+    nearest = np.full(len(p), np.inf)
+    for (ax, ay), (bx, by) in zip(vertices, np.roll(vertices, -1, 0), strict=True):
+        dx, dy = bx - ax, by - ay
+        fraction = np.clip(((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy), 0, 1)
+        away_x, away_y = x - ax - fraction * dx, y - ay - fraction * dy
+        nearest = np.minimum(nearest, away_x * away_x + away_y * away_y)
+    nearest = np.sqrt(nearest)
     return np.where(contains(vertices, p), -nearest, nearest)
 
 
 def contains(vertices, p):
     """Whether points p (n, 2) lie inside the outline (m, 2), by counting crossings."""
-    a, b = vertices, np.roll(vertices, -1, 0)
-    y = p[:, None, 1]
-    crosses = (a[:, 1] > y) != (b[:, 1] > y)
-    rise = np.where(b[:, 1] == a[:, 1], 1.0, b[:, 1] - a[:, 1])
-    x = a[:, 0] + (y - a[:, 1]) / rise * (b[:, 0] - a[:, 0])
-    return (crosses & (p[:, None, 0] < x)).sum(1) % 2 == 1
+    x, y = p.T
+    inside = np.zeros(len(p), bool)
+    for (ax, ay), (bx, by) in zip(vertices, np.roll(vertices, -1, 0), strict=True):
+        if ay != by:
+            inside ^= ((ay > y) != (by > y)) & (x < ax + (y - ay) / (by - ay) * (bx - ax))
+    return inside
 
 
 def nearest_edge(vertices, p):

@@ -3,7 +3,9 @@
 A pattern is one module with a frozen dataclass that has
   from_config(config)     from the `pattern` block of a target;
   corners()               (n, 3), m, target frame;
-  detect(grey)            (n, 2) pixels in the detector's own order, or None;
+  detect(grey)            (n, 2) pixels of all corners in the detector's own order, or None: quick,
+                          to about a third of a pixel;
+  locate(grey, camera, offset)   (Corners, Status): thorough, checked, each corner with its error;
   labellings()            (m, n) every way in which the detector's order can stand for corners;
   expected                in words, what a detection must find.
 

@@ -14,8 +14,7 @@ def refine(grey, uv, radius):
     Förstner and Gülch (1987): minimises Σ (gᵀ(p - corner))² over a disc of that radius, px, around
     the corner, with the gradients g of the image (h, w) read between pixels by cubic splines; the
     disc follows the corner. Strong gradients weigh most, so it is the steepest part of an edge that
-    counts: a lens whose blur is lopsided draws the saddle point of a blurred patch by 0.3 to 0.5 px
-    on real images, and this not. A corner that wanders off by more than its radius has not settled.
+    counts. A corner that wanders off by more than its radius has not settled.
     """
     grey = grey.astype(float)
     fields = [spline_filter(gaussian_filter(grey, SMOOTH_PX, order=o)) for o in ((0, 1), (1, 0))]

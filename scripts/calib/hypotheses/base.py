@@ -1,0 +1,95 @@
+"""What a hypothesis is, and how residuals change with what it supposes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from calib import estimation, kinds
+
+METRE = 1e-6  # step of a finite difference
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """name, e.g. squares; of: the target or sensor that it is about, on_sensor says which;
+    kinds: of the measurements that depend on it, none for all; size: how many numbers θ;
+    derivative(view) -> (size, k, n) of the standardised residuals of a View; told(θ, σ) -> what is
+    wrong, in words and numbers; remedy: what to do about it."""
+
+    name: str
+    of: str
+    on_sensor: bool
+    kinds: tuple
+    size: int
+    derivative: Callable = field(repr=False)
+    told: Callable = field(repr=False)
+    remedy: str
+
+    def touches(self, setup, group):
+        """Whether residuals of a group may depend on it."""
+        target = setup.placements[group.placement].target
+        exact = setup.targets[target].points is None
+        concerned = not self.kinds or group.kind in self.kinds
+        return exact and concerned and self.of == (group.sensor if self.on_sensor else target)
+
+
+@dataclass(frozen=True)
+class View:
+    """A group at the optimum: its Assignment, and J (k, 6, n), the derivatives of its standardised
+    residuals by the right perturbation of T_sensor_target."""
+
+    setup: object
+    state: object
+    group: object
+    assigned: object
+    J: np.ndarray
+
+    @property
+    def target(self):
+        return self.setup.targets[self.setup.placements[self.group.placement].target]
+
+    @cached_property
+    def T_sensor_target(self):
+        g = self.group
+        return estimation.T_sensor_target(self.setup, self.state, g.sensor, g.placement)
+
+    @cached_property
+    def by_range(self):
+        """Derivative (k, n) by what the measured ranges are too long by, m."""
+        xyz = self.group.keypoints["xyz"]
+        nearer = xyz * (1 - METRE / np.linalg.norm(xyz, axis=1, keepdims=True))
+        moved = self.changed(keypoints=self.group.keypoints | {"xyz": nearer})
+        return (moved - self.assigned.standard.T) / METRE
+
+    def changed(self, model=None, target=None, keypoints=None):
+        """Standardised residuals (k, n) with another model, target or keypoints, in the same σ;
+        a measurement that then belongs elsewhere keeps its residual."""
+        g, setup, state, now = self.group, self.setup, self.state, self.assigned
+        found = kinds.KINDS[g.kind].assign(
+            setup.models[g.sensor] if model is None else model,
+            self.target if target is None else target,
+            self.T_sensor_target,
+            g.keypoints if keypoints is None else keypoints,
+            setup.associate,
+            state.noise[g.sensor, g.kind],
+        )
+        same = (found.feature == now.feature)[:, None]
+        return replace(now, value=np.where(same, found.value, now.value)).standard.T
+
+
+def differences(change, steps):
+    """derivative of a Hypothesis from change(view, θ) -> arguments of View.changed."""
+
+    def derivative(view):
+        before = view.assigned.standard.T
+        rows = np.diag(steps)
+        return np.stack(
+            [
+                (view.changed(**change(view, row)) - before) / step
+                for row, step in zip(rows, steps, strict=True)
+            ]
+        )
+
+    return derivative

@@ -1,0 +1,34 @@
+"""Numbers with their σ as a hypothesis tells them."""
+
+import numpy as np
+
+PERCENT, MM, DEGREES = 100.0, 1e3, np.degrees(1.0)
+TOLD = 3.0  # σ: a part of several numbers that is smaller is not worth a word
+
+
+def by(value, sigma, factor, unit):
+    """`2.00 ± 0.05 %` of a size, in a unit."""
+    value, sigma = abs(value) * factor, sigma * factor
+    digits = _places(sigma)
+    return f"{value:.{digits}f} ± {sigma:.{digits}f}{'' if unit == '°' else ' '}{unit}"
+
+
+def vector(values, sigmas, factor, unit):
+    """`(9.8, 0.1, ?) ± (0.2, 0.2, ?) mm`; what nothing tells has no σ."""
+    digits = _places(min(s for s in sigmas if s > 0) * factor)
+    shown = [
+        ", ".join(
+            f"{v * factor:.{digits}f}" if s > 0 else "?" for v, s in zip(part, sigmas, strict=True)
+        )
+        for part in (values, sigmas)
+    ]
+    return f"({shown[0]}) ± ({shown[1]}){'' if unit == '°' else ' '}{unit}"
+
+
+def _places(sigma):
+    """Decimals that show a σ in about two digits."""
+    return int(np.clip(1 - np.floor(np.log10(max(sigma, 1e-9))), 0, 6))
+
+
+def way(value, above, below):
+    return above if value > 0 else below

@@ -1,0 +1,194 @@
+"""What is probably wrong about targets and sensors, from the residuals of a settled estimate.
+
+Every Hypothesis is put to a score test (scores.py). The best explanation is accepted first, then
+the others are tried beside it: what then has nothing left to say was another name for the same.
+"""
+
+import numpy as np
+
+from calib import hypotheses, kinds, normal, scores
+from calib.hypotheses import View
+from calib.observability import ARM
+
+CONSIDERED = 1e-3  # chance of so large a gain where nothing is wrong, above which it is no news
+MOST = 6  # explanations accepted one beside the other
+LEAST_NOISE = 1e-4  # of the variance that was estimated
+RIVAL = 0.5  # of the best gain: a hypothesis that explains so much might be meant instead
+SIMPLER = 3.0  # log likelihood by which every further number must explain more to be preferred
+MCS = "mocap"
+
+
+def suspicions(setup, result):
+    """The accepted explanations as plain data, none without a solution.
+
+    First what would move a pose the most. Each: name, of, text, remedy; estimate and sigma of its
+    numbers (m, rad, px or 1); gain in log likelihood and the chance of it where nothing is wrong;
+    explained {"sensor/kind": share of its squares}; shift {sensor: {m, rad, sigmas}} of the poses
+    if it alone were mended, in the σ that they would then have; rivals, the other hypotheses that
+    would do instead: name, of, text, remedy, estimate, sigma, gain.
+    """
+    if result.solution is None:
+        return []
+    found = hypotheses.all_of(setup)
+    ends = np.cumsum([0] + [h.size for h in found])
+    columns = [np.arange(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    terms = noises(setup, result, found, columns)
+    names = sorted(setup.models)
+    out = [told(found, columns, terms, names, *step) for step in accepted(columns, terms)]
+    for one in out:
+        elsewhere = {s["remedy"] for s in out} - {one["remedy"]}
+        one["rivals"] = [r for r in one["rivals"] if r["remedy"] not in elsewhere]
+    return sorted(out, key=_impact, reverse=True)
+
+
+def accepted(columns, terms):
+    """[(Fit without it, {index: (Fit, gain, scatter)} of it and its rivals, its index)].
+
+    The best is taken first, then others beside it as long as they have something to say; what
+    those that came later have made superfluous is put back, or its better rival taken.
+    """
+    chosen = []
+    while len(chosen) < MOST:
+        found = gains(columns, terms, _free(columns, terms, chosen))
+        if not found:
+            break
+        chosen.append(_best(columns, found))
+    for _ in range(MOST):
+        out = {i: _beside(columns, terms, chosen, i) for i in chosen}
+        revised = list(dict.fromkeys(_best(columns, f) for _, f in out.values() if f))
+        if revised == chosen:
+            break
+        chosen = revised
+    out = {i: _beside(columns, terms, chosen, i) for i in chosen}
+    return [(*out[i], i) for i in chosen if i in out[i][1]]
+
+
+def _best(columns, found):
+    """Index of the hypothesis that explains the most for its numbers."""
+    return max(found, key=lambda i: found[i][1] - SIMPLER * len(columns[i]))
+
+
+def _free(columns, terms, chosen):
+    """The Fit with the numbers of some hypotheses free."""
+    return scores.fitted(terms, np.concatenate([np.zeros(0, int), *(columns[i] for i in chosen)]))
+
+
+def _beside(columns, terms, chosen, best):
+    """The Fit of the others, and what `best` and its rivals would explain beside them."""
+    now = _free(columns, terms, [i for i in chosen if i != best])
+    found = gains(columns, terms, now)
+    least = RIVAL * found[best][1] if best in found else np.inf
+    return now, {i: f for i, f in found.items() if f[1] >= least}
+
+
+def gains(columns, terms, now):
+    """{index: (Fit, gain, scatter)} of the hypotheses that, beside those free in `now`, explain
+    more than chance; the gain has been divided by the scatter."""
+    system, out = scores.System(terms, now.factor), {}
+    drop = system.drop(now.free)
+    for i, own in enumerate(columns):
+        both = np.concatenate([now.free, own])
+        more = system.drop(both) - drop
+        if np.isin(own, now.free).any() or scores.chance(more, len(own)) > CONSIDERED:
+            continue
+        fit = scores.fitted(terms, both)
+        scatter = scores.scatter(terms, fit, own)
+        gain = (fit.likelihood - now.likelihood) / scatter
+        if scores.chance(gain, len(own)) < CONSIDERED:
+            out[i] = fit, gain, scatter
+    return out
+
+
+def noises(setup, result, found, columns):
+    """{"sensor/kind" or MCS: scores.Noise} at the optimum."""
+    n, p = len(result.solution.information), sum(h.size for h in found)
+    parts = result.solution.parts
+    errors, y = normal.mcs_errors(setup, result)
+    cluster = normal.together(setup, parts, errors)
+    blocks, least, owner = {}, {}, {}
+    for g, a, part in zip(setup.groups, result.assigned, parts, strict=True):
+        key, scale = f"{g.sensor}/{g.kind}", result.state.noise[g.sensor, g.kind].total
+        view = View(setup, result.state, g, a, part.J)
+        blocks.setdefault(key, []).append(_block(view, part, found, columns, cluster[g.placement]))
+        # Where σ is the step of a scan pattern, it is at least that step.
+        step = kinds.KINDS[g.kind].ROUNDING is None
+        least[key] = 1 / scale**2 if step else LEAST_NOISE
+        owner |= dict.fromkeys(part.columns.tolist(), cluster[g.placement])
+    told = normal.determined(result.solution.information, errors) / len(errors)
+    of_mcs = [_prior(c, v, owner.get(c, -1), told) for c, v in zip(errors.tolist(), y, strict=True)]
+    blocks[MCS], least[MCS] = of_mcs, 1 / result.state.mocap**2
+    return {k: scores.Noise(b, n, p, least[k]) for k, b in blocks.items()}
+
+
+def _block(view, part, found, columns, cluster):
+    """The scores.Block of one group."""
+    near = [i for i, h in enumerate(found) if h.touches(view.setup, view.group)]
+    none = np.zeros((0, len(part.r), part.r.shape[1]))
+    D = np.concatenate([none, *(found[i].derivative(view) for i in near)])
+    at = np.concatenate([np.zeros(0, int), *(columns[i] for i in near)])
+    w, r = part.weight, part.r
+    information, gradient = normal.of_unknowns(part)
+    return scores.Block(
+        cluster,
+        part.columns,
+        at,
+        information,
+        part.A.T @ np.einsum("kin,qkn->iq", part.J * w, D, optimize=True),
+        np.einsum("pkn,qkn->pq", D * w, D, optimize=True),
+        gradient,
+        np.einsum("qkn,kn->q", D * w, r, optimize=True),
+        float(np.sum(w * r**2)),
+        float(np.sum(w)) * len(r),
+    )
+
+
+def _prior(column, value, cluster, told):
+    """The scores.Block of one MCS error, which counts for what the data tell of it."""
+    none, at = np.zeros((1, 0)), np.zeros(0, int)
+    own = np.array([column]), at, np.eye(1), none, np.zeros((0, 0)), np.array([value]), at * 0.0
+    return scores.Block(cluster, *own, float(value**2), told)
+
+
+def told(found, columns, terms, names, before, fits, best):
+    """One accepted explanation as plain data."""
+    after, gain, _ = fits[best]
+    others = sorted((i for i in fits if i != best), key=lambda i: -fits[i][1])
+    return _numbers(found[best], columns[best], *fits[best]) | {
+        "chance": scores.chance(gain, len(columns[best])),
+        "explained": {k: 1 - after.left[k] / v for k, v in before.left.items() if v > 0},
+        "shift": _shifts(names, _free(columns, terms, []), _free(columns, terms, [best])),
+        "rivals": [_numbers(found[i], columns[i], *fits[i]) for i in others],
+    }
+
+
+def _impact(suspected):
+    """How far, m, mending it would move what a sensor sees at ARM."""
+    return max(s["m"] + ARM * s["rad"] for s in suspected["shift"].values())
+
+
+def _shifts(names, before, after):
+    """{sensor: how far its pose moves from one Fit to another: m, rad, and the largest of its six
+    numbers in the σ of the latter}."""
+    rows = np.arange(6 * len(names))
+    moved = (after.x - before.x)[rows].reshape(-1, 6)
+    spread = np.sqrt(np.diag(after.system.covariance(after.free, rows)[1])).reshape(-1, 6)
+    out = {}
+    for name, by, sigma in zip(names, moved, spread, strict=True):
+        m, rad = (float(np.linalg.norm(part)) for part in (by[:3], by[3:]))
+        out[name] = {"m": m, "rad": rad, "sigmas": float((np.abs(by) / sigma).max())}
+    return out
+
+
+def _numbers(hypothesis, own, fit, gain, scatter):
+    """What a Fit says of a hypothesis, as plain data."""
+    theta, covariance = fit.theta[own], fit.system.covariance(fit.free, [])[0]
+    sigma = np.sqrt(scatter * np.diag(covariance)[np.isin(fit.free, own)])
+    return {
+        "name": hypothesis.name,
+        "of": hypothesis.of,
+        "text": hypothesis.told(theta, sigma),
+        "remedy": hypothesis.remedy,
+        "estimate": theta.tolist(),
+        "sigma": sigma.tolist(),
+        "gain": gain,
+    }

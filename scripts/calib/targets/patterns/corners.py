@@ -1,0 +1,28 @@
+"""What a pattern's detector hands over."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Corners:
+    """Corners found: place (n,) in the detected grid, pixel (n, 2) of the whole image, covariance
+    (n, 2, 2), px²."""
+
+    index: np.ndarray
+    uv: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def sigma(self):
+        """Error (n,) per axis, px: the root of the mean variance."""
+        return np.sqrt(np.trace(self.covariance, axis1=1, axis2=2) / 2)
+
+    @property
+    def whiten(self):
+        """a, b, c (n, 3) of the triangle W = [[a, b], [0, c]] with WᵀW = σ² Σ⁻¹: residuals W e have
+        the error σ in both parts."""
+        shape = np.linalg.inv(self.covariance) * self.sigma[:, None, None] ** 2
+        L = np.linalg.cholesky(shape)
+        return np.stack([L[:, 0, 0], L[:, 1, 0], L[:, 1, 1]], -1)

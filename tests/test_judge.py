@@ -1,0 +1,178 @@
+"""The verdict: which limits hold, what is said, what is advised, and in which order."""
+
+import copy
+import re
+
+import numpy as np
+import pytest
+
+from calib import config, geometry, solution, verdict
+from synthetic import World, outline_scaled, pattern_scaled, setup, solved, zoomed
+
+LIMITS = config.complete("config", {"sessions": {"s": {"rig": "r", "log": "x"}}}, "x")["judge"]
+GUESS = {"frame": "f", "T_robot_sensor": None, "sigma": [1] * 6, "source": "config"}
+KINDS = {"camera": {"kind": "camera"}, "lidar": {"kind": "lidar"}}
+OFF = geometry.pose(None, [0.01, 0.0, 0.0])
+MIXED = [("board", None)] * 7 + [("cylinder", None)] * 3
+DIVERSE = ([0, 0, 1], [0, 1, 0], [0, 1, 1], [0.3, 1, -1], [0.3, -0.2, 1])
+
+
+def content(made):
+    """solution.json of a Setup."""
+    sensors = {n: KINDS[n] for n in made.models}
+    options = {"rig": "r", "sensors": sensors, "targets": {}, "sessions": ["s"]}
+    known = {name: (solution.OK, GUESS) for name in sensors}
+    return solution.as_json(made, solved(made), known, options)
+
+
+def judged(made):
+    return verdict.of_rig(content(made), LIMITS)
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return content(setup(0, MIXED))
+
+
+def told(clean, change):
+    """Findings on a clean solution after a change of it."""
+    changed = copy.deepcopy(clean)
+    change(changed)
+    return verdict.of_rig(changed, LIMITS)
+
+
+def test_a_clean_log_passes_with_nothing_to_say(clean):
+    assert verdict.of_rig(clean, LIMITS) == ("pass", [], {"camera": "pass", "lidar": "pass"})
+
+
+WRONG = {
+    "squares 2 % larger": (World(targets=pattern_scaled(1.02)), "squares of board"),
+    "squares 5 % larger": (World(targets=pattern_scaled(1.05)), "squares of board"),
+    "focal length 1 % longer": (World(camera=zoomed(1.01)), "focal length of camera"),
+    "frame off by 1 cm": (World(mounts={"board": OFF}), "board does not sit"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_size_lens_or_mount_does_not_pass_and_is_named_first(case):
+    world, words = WRONG[case]
+    level, found, _ = judged(setup(0, MIXED, world))
+    assert level in ("warn", "fail")
+    assert found[0]["check"] == "suspicion" and words in found[0]["text"]
+    assert all("more placements" not in f["remedy"] for f in found)
+
+
+def test_an_outline_100_mm_too_long_does_not_pass_and_is_named():
+    """Crossings of two edges lie 50 mm inside the outline; told to better than 1 mm."""
+    _, found, levels = judged(setup(0, MIXED, World(targets=outline_scaled(0.9, 1.0))))
+    assert levels == {"camera": "pass", "lidar": "warn"}
+    assert found[0]["text"].startswith("probably the outline of board is not where outline_m puts")
+    said = re.findall(r"edge (\d) ([\d.]+) ± ([\d.]+) mm inside", found[0]["text"])
+    assert {edge for edge, _, _ in said} == {"2", "4"}
+    for _, off, sigma in said:
+        assert float(off) == pytest.approx(50, abs=3 * float(sigma)) and float(sigma) < 1
+    assert "measure the sides of board" in found[0]["remedy"]
+
+
+def test_cylinders_with_parallel_axes_fail_however_many_there_are():
+    level, found, _ = judged(setup(0, [("cylinder", [0, 0, 1])] * 30))
+    assert level == "fail"
+    assert "the cylinders' common axis" in found[0]["text"]
+    assert "tilted by 30° or more" in found[0]["remedy"]
+
+
+def test_cylinders_that_are_parallel_to_2_degrees_fail_too():
+    """The slight tilt fixes the pose on paper, by what no model of the cylinder is true to."""
+    rng = np.random.default_rng(1)
+    axes = [[*rng.normal(0, np.radians(1), 2), 1.0] for _ in range(12)]
+    level, found, _ = judged(setup(0, [("cylinder", a) for a in axes], noise=0.1))
+    assert level == "fail"
+    assert any(f["check"] == "tilt_deg" and "tilted by 30°" in f["remedy"] for f in found)
+
+
+def test_five_diverse_cylinders_pass():
+    assert judged(setup(0, [("cylinder", axis) for axis in DIVERSE]))[0] == "pass"
+
+
+def test_a_large_sigma_with_a_good_fit_asks_for_views_and_says_how_many(clean):
+    def widen(s):
+        s["sensors"]["camera"]["covariance"] = np.diag([1e-4] * 3 + [1e-8] * 3).tolist()
+
+    level, found, levels = told(clean, widen)
+    assert (level, levels["camera"], levels["lidar"]) == ("warn", "warn", "pass")
+    (only,) = found
+    assert only["check"] == "sigma_m" and only["value"] == pytest.approx(0.01)
+    assert only["limit"] == LIMITS["warn_sigma_m"]
+    assert only["text"] == "camera: position σ 10 mm, warn above 5 mm"
+    assert "About 28 placements like the 7 so far would reach the limit." in only["remedy"]
+
+
+def test_a_large_sigma_with_a_bad_fit_does_not_ask_for_views(clean):
+    def spoil(s):
+        s["sensors"]["camera"]["covariance"] = np.diag([1e-4] * 3 + [1e-8] * 3).tolist()
+        s["sensors"]["camera"]["fit"]["corner"]["noise_factor"] = 12.0
+
+    _, found, _ = told(clean, spoil)
+    assert [f["check"] for f in found] == ["noise_factor", "sigma_m"]
+    assert "mend what else is wrong first" in found[1]["remedy"]
+
+
+SPOILED = {
+    "mocap_factor": (lambda s: s["noise"].update(mocap_factor=31.0), "fail", 31.0),
+    "rejected": (lambda s: s["sensors"]["lidar"].update(rejected=0.3), "warn", 0.3),
+    "placements": (lambda s: s["sensors"]["lidar"].update(placements=2), "fail", 2),
+    "correction_sigma": (lambda s: s["sensors"]["lidar"].update(correction=4.0), "warn", 4.0),
+    "heldout": (lambda s: s["sensors"]["lidar"]["held_out"].update(ratio=5.0), "fail", 5.0),
+    "beyond": (lambda s: s["sensors"]["lidar"]["fit"]["surface"].update(beyond=0.05), "warn", 0.05),
+    "whiteness": (
+        lambda s: s["sensors"]["lidar"]["fit"]["surface"].update(whiteness=20.0), "fail", 20.0
+    ),
+    "settled": (lambda s: s.update(settled=False), "warn", None),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("check", SPOILED)
+def test_every_limit_is_told_with_its_value_and_a_remedy(clean, check):
+    change, level, value = SPOILED[check]
+    overall, found, _ = told(clean, change)
+    assert overall == level
+    (only,) = found
+    assert (only["check"], only["level"], only["value"]) == (check, level, value)
+    assert only["remedy"]
+    if value is not None:
+        assert only["limit"] == LIMITS[f"{level}_{check}"]
+        assert f"{level} {'below' if check == 'placements' else 'above'}" in only["text"]
+
+
+def test_what_fails_comes_first_and_causes_before_effects(clean):
+    def spoil(s):
+        s["settled"] = False
+        s["noise"]["mocap_factor"] = 3.0
+        s["sensors"]["camera"]["covariance"] = np.diag([1e-2] * 3 + [1e-8] * 3).tolist()
+
+    _, found, _ = told(clean, spoil)
+    assert [f["check"] for f in found] == ["sigma_m", "mocap_factor", "settled"]
+
+
+def test_a_suspicion_that_moves_nothing_is_not_told(clean):
+    shift = {n: {"m": 1e-5, "rad": 1e-6, "sigmas": 0.5} for n in ("camera", "lidar")}
+    suspected = {"name": "squares", "of": "board", "text": "so", "remedy": "do", "gain": 50.0}
+    suspected |= {"chance": 1e-20, "explained": {"camera/corner": 0.5}, "rivals": []}
+    assert told(clean, lambda s: s["suspicions"].append(suspected | {"shift": shift}))[1] == []
+    far = shift | {"camera": {"m": 0.03, "rad": 0.0, "sigmas": 40.0}}
+    level, found, levels = told(clean, lambda s: s["suspicions"].append(suspected | {"shift": far}))
+    assert level == "fail" and levels == {"camera": "fail", "lidar": "pass"}
+    assert found[0]["text"] == "probably so: mending it would move camera by 30 mm and 0°"
+
+
+def test_a_sensor_without_a_pose_fails_with_its_own_remedy(clean):
+    status = {"ok": False, "reason": "no view", "found": "", "expected": "", "remedy": "look"}
+    level, found, _ = told(
+        clean, lambda s: s["sensors"]["lidar"].update(status=status, covariance=None)
+    )
+    assert level == "fail"
+    assert (found[0]["text"], found[0]["remedy"]) == ("lidar: no view", "look")
+
+
+def test_a_value_that_is_no_number_fails():
+    assert verdict.level(float("nan"), LIMITS, "sigma_m") == "fail"

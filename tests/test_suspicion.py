@@ -1,0 +1,105 @@
+"""Errors of the model that nobody estimates: the right one is named, of clean data none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import synthetic
+from calib import geometry, problem, suspicion
+from calib.hypotheses import View, all_of
+from calib.hypotheses.of_targets import _with_edges_moved
+from synthetic import World, outline_scaled, pattern_scaled, setup, solved, zoomed
+
+MIXED = [("board", None)] * 7 + [("cylinder", None)] * 3
+SURE = 1e-5  # the judge's own limit on the chance
+RADIUS = synthetic.TARGETS | {"cylinder": replace(synthetic.CYLINDER, radius=0.105)}
+
+
+def found(world, seed=0):
+    """Suspicions that the judge would believe."""
+    made = setup(seed, MIXED, world)
+    return [s for s in suspicion.suspicions(made, solved(made, rounds=20)) if s["chance"] < SURE]
+
+
+WRONG = {
+    "focal length 1 % longer": (World(camera=zoomed(1.01)), "focal", "camera", 0.01),
+    "outline 2 % larger": (World(targets=outline_scaled(1.02, 1.02)), "outline", "board", 0.02),
+    "radius 5 % larger": (World(targets=RADIUS), "radius", "cylinder", 0.05),
+    "ranges 20 mm long": (World(too_long=np.full(12, 0.02)), "range_bias", "lidar", 0.02),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_one_number_that_is_wrong_is_named_first_and_to_15_percent(case):
+    world, name, of, size = WRONG[case]
+    first = found(world)[0]
+    assert (first["name"], first["of"]) == (name, of)
+    (estimate,), (sigma,) = first["estimate"], first["sigma"]
+    assert abs(estimate - size) < 0.15 * size
+    assert sigma < 0.15 * size
+
+
+@pytest.mark.parametrize(("name", "axis"), [("board", 2), ("cylinder", 0), ("cylinder", 1)])
+def test_a_target_frame_off_by_1_cm_is_named_with_its_direction(name, axis):
+    off = np.zeros(3)
+    off[axis] = 0.01
+    told = found(World(mounts={name: geometry.pose(None, off)}))
+    if name == "cylinder" and axis == 0:
+        assert told == []  # nothing in use tells where along its axis a cylinder sits
+        return
+    assert (told[0]["name"], told[0]["of"]) == ("frame", name)
+    np.testing.assert_allclose(told[0]["estimate"][:3], off, atol=0.0025)
+
+
+def test_single_beams_that_read_14_mm_long_or_short_are_told_from_a_bias_of_all():
+    signs = (-1.0) ** np.arange(synthetic.RINGS)
+    names = [s["name"] for s in found(World(too_long=0.014 * signs))]
+    assert names == ["beams"]
+
+
+def test_the_words_tell_the_number_its_sigma_and_what_to_write():
+    first = found(World(targets=pattern_scaled(1.02)))[0]
+    assert first["text"].startswith("the squares of board are ")
+    assert "% larger than the config says: square_m 0.0815" in first["text"]
+    assert first["estimate"][0] == pytest.approx(0.02, rel=0.1)
+    assert "calliper" in first["remedy"]
+    assert first["shift"]["camera"]["m"] > 0.02
+
+
+def test_two_errors_at_once_are_both_named():
+    world = World(targets=pattern_scaled(1.02) | {"cylinder": RADIUS["cylinder"]})
+    assert {s["name"] for s in found(world)} == {"squares", "radius"}
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_of_clean_measurements_nothing_is_suspected(seed):
+    assert found(World(), seed=seed) == []
+
+
+def test_the_derivatives_are_those_of_the_residuals_by_a_large_step():
+    """Of the squares, over a step a thousand times as large as that of the differences."""
+    made = setup(0, MIXED[6:8])
+    result = solved(made, rounds=6)
+    squares = next(h for h in all_of(made) if h.name == "squares")
+    at = [g.kind for g in made.groups].index("corner")
+    group, assigned, part = made.groups[at], result.assigned[at], result.solution.parts[at]
+    view = View(made, result.state, group, assigned, part.J)
+    grown = pattern_scaled(1.001)["board"]
+    slope = (view.changed(target=grown) - assigned.standard.T) / 1e-3
+    np.testing.assert_allclose(squares.derivative(view)[0], slope, rtol=0.02, atol=0.1)
+
+
+def test_edges_move_outwards_by_what_is_said():
+    moved = _with_edges_moved(synthetic.SQUARE, np.array([0.1, 0.0, 0.0, 0.2]))
+    np.testing.assert_allclose(moved, [[0.7, 0.6], [-0.5, 0.6], [-0.5, -0.5], [0.7, -0.5]])
+    clockwise = _with_edges_moved(synthetic.SQUARE[::-1], np.full(4, 0.1))
+    np.testing.assert_allclose(np.abs(clockwise), 0.6)
+
+
+def test_parts_of_the_solution_are_those_that_the_tests_expect():
+    """Columns, A and information of every group: the sum with the priors is the information."""
+    made = setup(0, MIXED[6:8])
+    solution = solved(made, rounds=6).solution
+    weight = (np.arange(made.n) >= made.poses).astype(float)
+    np.testing.assert_allclose(problem.information(solution.parts, weight), solution.information)
