@@ -186,3 +186,13 @@ def test_targets_that_rest_together_are_left_out_one_by_one():
     assert both.n == 12 + 6 * (2 + 4)
     left = crossvalidation.leave_out(both, result)
     assert [sorted(lf.held) for lf in left] == [["camera", "lidar"]] * 2 + [["lidar"]] * 2
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_exact_ranges_beside_coarse_poses_leave_numbers_and_no_roots_of_rounding(seed):
+    exact = setup(seed, [("cylinder", None)] * 4, mcs=0.0, noise=0.0)
+    result = solved(exact)
+    left = crossvalidation.leave_out(exact, result)
+    assert all(h.nees >= 0 for one in left for h in one.held.values())
+    held = quality.held_out("lidar", left)
+    assert held is None or np.isfinite(held["ratio"])

@@ -98,8 +98,10 @@ def _held(parts, columns, step, spread):
     U, values = vectors[:, known], values[known]
     gradient = sum(p.gradient for p in parts) + M @ (A @ step)
     own = -(U.T @ gradient) / values
-    predicted = U.T @ A @ spread @ A.T @ U + np.diag(1 / values)
-    return Held(U @ own, float(own @ np.linalg.solve(predicted, own)), int(known.sum()))
+    scale, unit = to_unit(U.T @ A @ spread @ A.T @ U + np.diag(1 / values))
+    # Negative by rounding alone: exact ranges beside coarse poses leave nothing else of it.
+    nees = max(float((own * scale) @ np.linalg.solve(unit, own * scale)), 0.0)
+    return Held(U @ own, nees, int(known.sum()))
 
 
 def sigma_by_count(setup, result, sensor, seed=0):

@@ -10,6 +10,7 @@ UNIT = {"camera": "px", "lidar": "m"}
 # What a measurement is that belongs to no part of its target: (admitted by the geometry but beyond
 # the gate, with a positive or a negative residual; not admitted).
 WHERE = {
+    "cap": ("before the end", "behind the end", "off the end's rim or too flat"),
     "surface": ("before the surface", "behind the surface", "off the rim or too flat"),
     "edge": ("outside the outline", "inside the outline", "at a corner or along the scan"),
     "limb": ("outside the limb", "inside the limb", "near an end"),

@@ -8,7 +8,7 @@ SIGMA_GOOD = {
     "signed": "Good: bars fill the curve. Heavy tails are outliers, two humps a wrong model.",
     "length": "These are lengths, never negative. Good: one hump and a tail that ends soon after.",
     "edge": "A crossing lies anywhere between two beams, and the scans of a placement repeat it, "
-    "each at a σ wider by the root of their number: flat or narrower than the curve is right here. "
+    "which is why they weigh as one: flat or narrower than the curve is right here. "
     "Wider, or off to one side: the outline is wrong, or the beam's footprint widens it.",
 }
 LENGTH = (

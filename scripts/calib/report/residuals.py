@@ -11,6 +11,7 @@ BEYOND = 3.0
 NORMAL_BEYOND = 0.0026998  # share of N(0, 1) beyond 3 σ
 DOWN_WEIGHTED = 0.5
 MEANING = {
+    "cap": "distances of returns from a flat end of the cylinder",
     "corner": "pattern corners, u and v",
     "edge": "angles between outline crossings and the outline",
     "limb": "distances of contour points from the cylinder’s limb",
