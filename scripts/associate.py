@@ -8,14 +8,14 @@ Decides with calib.kinds, from the pose that extract worked out for each sensor.
 
 import numpy as np
 
-from calib import cropping, estimation, extraction, placements, rig, stage, tables, targets
+from calib import chain, cropping, estimation, extraction, placements, rig, stage, tables, targets
 from calib.stage import logger
 
 
 def assigned(name, keypoints, T_robot_sensor, places, options, shapes):
     """Columns of pairs.parquet of one sensor."""
     numbers = sorted(set(keypoints["placement"].tolist()))
-    setup = estimation.Setup(
+    setup = chain.Setup(
         models={name: rig.model(options["sensors"][name])},
         targets=shapes,
         placements=[places[k] for k in numbers],
@@ -24,7 +24,7 @@ def assigned(name, keypoints, T_robot_sensor, places, options, shapes):
         prior={},
     )
     noise = extraction.NOISE[options["sensors"][name]["kind"]]
-    state = estimation.start(setup, {name: T_robot_sensor}, noise)
+    state = chain.start(setup, {name: T_robot_sensor}, noise)
     parts = [
         g.keypoints | {"sensor": np.full(len(a.feature), name), "feature": a.feature}
         for g, a in zip(setup.groups, estimation.assign_first(setup, state), strict=True)

@@ -10,7 +10,7 @@ nothing moves. A sensor that the data cannot place gets no pose, and stops no ot
 
 import numpy as np
 
-from calib import estimation, kinds, placements, rig, solution, stage, tables, targets
+from calib import chain, estimation, kinds, placements, rig, solution, stage, tables, targets
 from calib.stage import logger
 from calib.status import Status
 
@@ -51,7 +51,7 @@ def setup_of(sessions, mounts, options):
             rows = tables.select(pairs, pairs["sensor"] == name)
             groups += placements.groups(rows, name, index)
             start.setdefault(name, np.array(notes[name]["T_robot_sensor"]))
-    setup = estimation.Setup(
+    setup = chain.Setup(
         models={n: rig.model(options["sensors"][n]) for n in start},
         targets={n: targets.from_config(c) for n, c in options["targets"].items()},
         placements=places,

@@ -6,7 +6,7 @@ from scipy.stats import chi2
 
 import simulate
 import solve
-from calib import config, estimation, geometry, reference
+from calib import chain, config, estimation, geometry, reference
 from calib.benchmark import coverage, draws, measure, observations, recordings, statistics
 
 SEEN = ("velodyne", "camera")
@@ -32,7 +32,7 @@ def exactly(case):
 def test_exact_measurements_leave_no_residual_at_the_truth():
     case = coverage.geometry_of(*coverage.CASES["two lidars and two cameras"])
     setup = exactly(case)
-    state = estimation.start(setup, case.truth, 1.0)
+    state = chain.start(setup, case.truth, 1.0)
     largest = {"surface": 1e-9, "edge": 2e-6, "corner": 1e-6, "limb": 1e-6}  # m, rad, px, px
     for g, a in zip(setup.groups, estimation.assign_all(setup, state), strict=True):
         assert np.abs(a.value).max() < largest[g.kind], g.kind

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib import estimation, geometry, observability, placements, rig, solution
+from calib import chain, estimation, geometry, observability, placements, rig, solution
 from calib.cameras import Camera
 from calib.information import covariance
 from calib.targets.board import Board
@@ -94,20 +94,18 @@ def made(seed, layout, pixel=0.0, range_=0.0, mcs=0.0):
         robot, body = geometry.se3_exp(error)
         # What the MCS says: both true poses with their errors taken off.
         said = robot @ T @ geometry.inverse(body)
-        places.append(estimation.Placement("s", name, said, np.eye(4), MCS_SIGMA))
+        places.append(chain.Placement("s", name, said, np.eye(4), MCS_SIGMA))
         sensors = ["lidar", "camera"] if name == "board" else ["lidar"]
         for sensor in sensors:
             T_sensor = geometry.inverse(TRUE[sensor]) @ T
             if sensor == "camera":
-                groups.append(
-                    estimation.Group("camera", k, "corner", corners(rng, T_sensor, k, pixel))
-                )
+                groups.append(chain.Group("camera", k, "corner", corners(rng, T_sensor, k, pixel)))
             else:
                 found = returns(rng, name, T_sensor, k, range_)
-                groups.append(estimation.Group("lidar", k, "surface", found))
+                groups.append(chain.Group("lidar", k, "surface", found))
     models = {"camera": CAMERA, "lidar": LIDAR}
     models = {n: m for n, m in models.items() if any(g.sensor == n for g in groups)}
-    return estimation.Setup(models, TARGETS, places, groups, ASSOCIATE, {})
+    return chain.Setup(models, TARGETS, places, groups, ASSOCIATE, {})
 
 
 def settled(setup, off=0.01):
@@ -249,7 +247,7 @@ def test_the_results_carry_the_covariance_of_the_estimate_in_its_own_order():
 
 
 def test_nothing_to_solve_is_a_result_without_a_solution():
-    setup = estimation.Setup({}, TARGETS, [], [], ASSOCIATE, {})
+    setup = chain.Setup({}, TARGETS, [], [], ASSOCIATE, {})
     result = estimation.estimate(setup, {}, 30, 1e-8, 1e-8, 10.0)
     assert result.solution is None and not result.settled
     assert len(solution.residuals(setup, result)["sensor"]) == 0
@@ -258,7 +256,7 @@ def test_nothing_to_solve_is_a_result_without_a_solution():
 def test_a_prior_holds_what_the_data_leave_open():
     setup = made(3, [("cylinder", [0, 0, 1])] * 5, range_=0.01)
     sigma = np.full(6, 0.01)
-    held = estimation.Setup(**vars(setup) | {"prior": {"lidar": (TRUE["lidar"], sigma)}})
+    held = chain.Setup(**vars(setup) | {"prior": {"lidar": (TRUE["lidar"], sigma)}})
     result = estimation.estimate(held, {"lidar": TRUE["lidar"]}, 30, 1e-8, 1e-8, 10.0)
     assert np.abs(error(result, "lidar")).max() < 0.01
 
@@ -289,10 +287,10 @@ def test_targets_at_one_rest_of_the_robot_share_the_error_of_its_pose():
     shared = replace(setup, placements=places)
     assert shared.robots.tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
     assert (shared.n, setup.n) == (12 + 6 * (4 + 8), 12 + 6 * 16)
-    T = [estimation.T_robot_target(shared, estimation.start(shared, TRUE, 1.0))[k] for k in (0, 1)]
-    state = estimation.start(shared, TRUE, 1.0)
+    T = [chain.T_robot_target(shared, chain.start(shared, TRUE, 1.0))[k] for k in (0, 1)]
+    state = chain.start(shared, TRUE, 1.0)
     state.y[0, 0] = 3.0
-    moved = estimation.T_robot_target(shared, state)
+    moved = chain.T_robot_target(shared, state)
     for k in (0, 1):
         step = moved[k][:3, 3] - T[k][:3, 3]
         assert step == pytest.approx([-3 * MCS_SIGMA[0], 0, 0], abs=1e-12)

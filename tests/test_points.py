@@ -11,7 +11,7 @@ import yaml
 from scipy.spatial import cKDTree
 
 import solve
-from calib import config, estimation, geometry, kinds, limbs, registration, rig, targets
+from calib import chain, config, estimation, geometry, kinds, limbs, registration, rig, targets
 from calib.cameras import Camera
 from calib.extraction import camera as extract_camera
 from calib.extraction import job
@@ -332,7 +332,7 @@ def extracted(q, keypoints, error=(0,) * 6, min_points=20):
     views = {"view": [0], "t": [0], "target": ["board"], "placement": [0]}
     views |= {"dt": [np.zeros(n, int)], "ring": [np.zeros(n, int)]}
     target = replace(BOARD, points=replace(BOARD.points, keypoints=keypoints))
-    place = estimation.Placement("s", "board", T_BOARD, np.eye(4), np.zeros(6))
+    place = chain.Placement("s", "board", T_BOARD, np.eye(4), np.zeros(6))
     options = {"min_points": min_points}
     T_guess = T_BOARD @ geometry.inverse(T_BOARD @ geometry.se3_exp(error))
     parts = ("lidar", LIDAR, {"board": target}, {0: place}, T_guess, None, None, options, {}, {})
@@ -377,7 +377,7 @@ def test_all_of_a_contour_is_measured_where_a_target_is_compared_by_points():
     found = {}
     for target in (CYLINDER, replace(CYLINDER, points=None)):
         target = replace(target, color=limbs.Color.from_config(color))
-        place = estimation.Placement("s", "rod", T, np.eye(4), np.zeros(6))
+        place = chain.Placement("s", "rod", T, np.eye(4), np.zeros(6))
         parts = ("camera", PINHOLE, {"rod": target}, {0: place}, np.eye(4), None, None, {}, {}, {})
         views = {"view": [0], "t": [0], "target": ["rod"], "placement": [0], "u0": [0], "v0": [0]}
         columns, status = extract_camera.contour(job.Job(*parts), views, 0, image)
@@ -605,7 +605,7 @@ def setup(kind, layout, shapes, sigma, mcs=0.0):
     for k, (name, T) in enumerate(layout):
         robot, body = geometry.se3_exp(mcs * MCS_SIGMA * rng.normal(size=(2, 6)))
         said = robot @ T @ geometry.inverse(body)
-        places.append(estimation.Placement("s", name, said, np.eye(4), sigma))
+        places.append(chain.Placement("s", name, said, np.eye(4), sigma))
         T_lidar_target = geometry.inverse(TRUE) @ T
         if kind == "vertex":
             q = shapes[name].outline_points()
@@ -616,8 +616,8 @@ def setup(kind, layout, shapes, sigma, mcs=0.0):
             turn = geometry.so3_exp([np.arctan2(towards[2], towards[1]), 0, 0])
             q = side(200, 1.2, seed=k) @ turn.T
         columns = keypoint_columns(kind, k, geometry.transform(T_lidar_target, q))
-        groups.append(estimation.Group("lidar", k, kind, columns))
-    return estimation.Setup({"lidar": LIDAR}, shapes, places, groups, GATE, {})
+        groups.append(chain.Group("lidar", k, kind, columns))
+    return chain.Setup({"lidar": LIDAR}, shapes, places, groups, GATE, {})
 
 
 def boards():
@@ -664,7 +664,7 @@ def test_targets_compared_by_points_say_nothing_of_the_noise_of_the_mcs():
     found = []
     for board in (BOARD, replace(BOARD, points=None)):
         problem = setup("vertex", boards(), {"board": board}, MCS_SIGMA)
-        state = estimation.start(problem, {"lidar": TRUE}, 1.0)
+        state = chain.start(problem, {"lidar": TRUE}, 1.0)
         state.y[:] = 5.0
         found.append(estimation.mocap_factor(problem, state, 0.09 * np.eye(problem.n)))
     assert found[0] == 1 and 3 < found[1] < 6
@@ -676,8 +676,8 @@ def assigned(feature):
 
 @pytest.mark.parametrize("kind, changed", [("point", 2), ("silhouette", 2), ("corner", 3)])
 def test_a_new_nearest_point_is_no_change_but_coming_and_going_is(kind, changed):
-    groups = [estimation.Group("s", 0, kind, {})]
-    one = estimation.Setup({}, {}, [], groups, {}, {})
+    groups = [chain.Group("s", 0, kind, {})]
+    one = chain.Setup({}, {}, [], groups, {}, {})
     before, after = [assigned([4, 5, -1, 7])], [assigned([4, 6, 3, -1])]
     assert estimation.changes(one, before, after) == changed
 
@@ -687,8 +687,8 @@ def test_a_new_nearest_point_is_no_change_but_coming_and_going_is(kind, changed)
     [(["surface"], (100, 1e-8, 1e-8)), (["surface", "point"], (100, 1e-5, 1e-5))],
 )
 def test_the_estimate_settles_sooner_where_anything_is_compared_by_nearest_points(names, expected):
-    groups = [estimation.Group("s", 0, kind, {}) for kind in names]
-    assert solve.limits(estimation.Setup({}, {}, [], groups, {}, {}), SOLVE) == expected
+    groups = [chain.Group("s", 0, kind, {}) for kind in names]
+    assert solve.limits(chain.Setup({}, {}, [], groups, {}, {}), SOLVE) == expected
 
 
 # --- a shape that is nothing but its template

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib import estimation, geometry, kinds, observability
+from calib import chain, geometry, kinds, observability
 
 BEYOND = 3.0  # σ
 OF_TARGET = ("corner", "edge")  # features are the target's; of other kinds the sensor's
@@ -126,7 +126,7 @@ def seen(name, setup, result):
     and how many those are."""
     used = sorted({g.placement for g, a in own(name, setup, result) if (a.feature >= 0).any()})
     shapes = [setup.targets[setup.placements[k].target] for k in used]
-    T = estimation.T_robot_target(setup, result.state)[used]
+    T = chain.T_robot_target(setup, result.state)[used]
     return observability.axes(shapes, T), len(used)
 
 

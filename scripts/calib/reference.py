@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib import estimation, expressions, geometry, kinds, noise
+from calib import chain, estimation, expressions, geometry, kinds, noise
 from calib.information import covariance
 from calib.kinds import edge, limb
 from calib.kinds.assignment import Noise
@@ -38,7 +38,7 @@ def evaluate(setup, T_robot_sensor, range_sigma):
     T_robot_sensor by name is the true one, range_sigma, m, too, and so is the σ of the setup's
     placements. The noise of what a camera finds is taken from its own errors at the truth.
     """
-    state = estimation.start(setup, T_robot_sensor, 1.0)
+    state = chain.start(setup, T_robot_sensor, 1.0)
     state = replace(state, noise=true_noise(setup, state, range_sigma))
     inside, outlines = information(setup, state)
     return Reference(
@@ -98,7 +98,7 @@ def information(setup, state):
     assigned = estimation.assign_all(setup, state)
     x, scale = np.zeros(setup.n), np.ones(setup.n)
     scale[setup.poses :] = setup.sigma.reshape(-1)
-    parts = estimation.build(setup).parts(x, scale, estimation.chains(setup, state), assigned)
+    parts = estimation.build(setup).parts(x, scale, chain.chains(setup, state), assigned)
     inside, outlines = np.zeros((2, setup.n, setup.n))
     np.fill_diagonal(inside[setup.poses :, setup.poses :], 1.0)
     for g, a, p in zip(setup.groups, assigned, parts, strict=True):

@@ -6,8 +6,8 @@ from importlib.metadata import version
 import numpy as np
 
 from calib import (
+    chain,
     crossvalidation,
-    estimation,
     geometry,
     kinds,
     observability,
@@ -179,7 +179,7 @@ def residuals(setup, result):
         place = setup.placements[g.placement]
         n = len(a.feature)
         k = g.keypoints
-        T = estimation.T_sensor_target(setup, result.state, g.sensor, g.placement)
+        T = chain.T_sensor_target(setup, result.state, g.sensor, g.placement)
         in_target = geometry.transform(geometry.inverse(T), np.nan_to_num(k["xyz"]))
         in_image = kinds.KINDS[g.kind].UNIT == "px"
         pixel = np.column_stack([k["uv"], np.zeros(n)])

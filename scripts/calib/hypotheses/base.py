@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib import estimation, kinds
+from calib import chain, kinds
 
 METRE = 1e-6  # step of a finite difference
 
@@ -53,7 +53,7 @@ class View:
     @cached_property
     def T_sensor_target(self):
         g = self.group
-        return estimation.T_sensor_target(self.setup, self.state, g.sensor, g.placement)
+        return chain.T_sensor_target(self.setup, self.state, g.sensor, g.placement)
 
     @cached_property
     def by_range(self):
