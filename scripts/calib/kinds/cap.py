@@ -3,9 +3,8 @@
 import casadi as ca
 import numpy as np
 
-from calib import geometry
 from calib.kinds.assignment import Assignment, taper
-from calib.kinds.surface import TAPER_COSINE, TAPER_M
+from calib.kinds.surface import TAPER_COSINE, TAPER_M, in_target
 
 UNIT, ROUNDING = "m", 1e-7
 DATA = ("x", "y", "z", "end", "weight")
@@ -14,10 +13,7 @@ DATA = ("x", "y", "z", "end", "weight")
 def assign(lidar, target, T_sensor_target, keypoints, options, noise):
     """Returns whose beams meet the end that faces the lidar within its rim; off along the beam."""
     p = keypoints["xyz"]
-    ranges = np.linalg.norm(p, axis=1)
-    T_target_sensor = geometry.inverse(T_sensor_target)
-    q = geometry.transform(T_target_sensor, p)
-    beams = p @ T_target_sensor[:3, :3].T / np.maximum(ranges, 1e-9)[:, None]
+    ranges, q, beams = in_target(p, T_sensor_target)
     end = -np.sign(beams[:, 0])
     gap, cosine = target.cap_gap(q.T, beams.T, end)
     met = q + gap[:, None] * beams

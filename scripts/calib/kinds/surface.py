@@ -19,10 +19,7 @@ def assign(lidar, target, T_sensor_target, keypoints, options, noise):
     grazing a return loses its weight, so that nothing jumps when it comes or goes there.
     """
     p = keypoints["xyz"]
-    ranges = np.linalg.norm(p, axis=1)
-    T_target_sensor = geometry.inverse(T_sensor_target)
-    q = geometry.transform(T_target_sensor, p)
-    beams = p @ T_target_sensor[:3, :3].T / np.maximum(ranges, 1e-9)[:, None]
+    ranges, q, beams = in_target(p, T_sensor_target)
     gap, cosine = target.gap(q.T, beams.T)
     trust = taper(cosine - options["min_cosine"], TAPER_COSINE)
     # Where the beam meets the surface, which noise along the beam does not move.
@@ -40,6 +37,14 @@ def assign(lidar, target, T_sensor_target, keypoints, options, noise):
         noise=noise,
         gate=options["gate_sigma"],
     )
+
+
+def in_target(p, T_sensor_target):
+    """Ranges (n,) of returns p (n, 3), and they and their unit beams (n, 3) in the target frame."""
+    ranges = np.linalg.norm(p, axis=1)
+    T_target_sensor = geometry.inverse(T_sensor_target)
+    beams = p @ T_target_sensor[:3, :3].T / np.maximum(ranges, 1e-9)[:, None]
+    return ranges, geometry.transform(T_target_sensor, p), beams
 
 
 def residual(lidar, target):
