@@ -10,7 +10,7 @@ nothing moves. A sensor that the data cannot place gets no pose, and stops no ot
 
 import numpy as np
 
-from calib import chain, estimation, kinds, placements, rig, solution, stage, tables, targets
+from calib import chain, kinds, placements, refinement, rig, solution, stage, tables, targets
 from calib.stage import logger
 from calib.status import Status
 
@@ -74,10 +74,12 @@ def statuses(sessions, options):
 
 
 def limits(setup, options):
-    """Most rounds, and the step in m and rad below which the estimate has settled."""
+    """Most rounds, the step in m and rad below which the estimate has settled, and times how much
+    of the configured noise it begins with."""
     by_points = any(kinds.by_nearest_point(g.kind) for g in setup.groups)
     prefix = "points_" if by_points else ""
-    return options["max_rounds"], *(options[f"{prefix}tolerance_{u}"] for u in ("m", "rad"))
+    steps = {f"tolerance_{u}": options[f"{prefix}tolerance_{u}"] for u in ("m", "rad")}
+    return {"max_rounds": options["max_rounds"], "noise": 10.0, **steps}
 
 
 def main(argv=None):
@@ -93,9 +95,10 @@ def main(argv=None):
     options = args.options
     sessions, mounts = read_sessions(args, options)
     setup, start = setup_of(sessions, mounts, options)
-    result = estimation.estimate(setup, start, *limits(setup, options["solve"]), noise=10.0)
+    wanted, most = options["solve"]["estimate"], limits(setup, options["solve"])
+    setup, result, suspected = refinement.estimate(setup, start, wanted, **most)
     known = statuses(sessions, options)
-    stage.write_json(args.solution, solution.as_json(setup, result, known, options))
+    stage.write_json(args.solution, solution.as_json(setup, result, suspected, known, options))
     tables.write(args.residuals, tables.RESIDUALS, solution.residuals(setup, result))
     rounds = {k: [r[k] for r in result.rounds] for k in tables.ITERATIONS.names}
     tables.write(args.iterations, tables.ITERATIONS, rounds)
@@ -106,8 +109,9 @@ def main(argv=None):
             r,
         )
     logger.info("settled" if result.settled else "not settled")
-    wanted = options["solve"]["estimate"]
-    for what in sorted(wanted):
+    for h in setup.corrections:
+        logger.info("estimated besides: %s of %s", h.name, h.of)
+    for what in sorted(set(wanted) - set(refinement.NAMES)):
         logger.info("%s: not estimated", what)
 
 

@@ -222,7 +222,7 @@ def test_a_sensor_with_an_open_direction_gets_no_pose_and_says_which():
         "targets": {"cylinder": {}},
         "sessions": ["s"],
     }
-    content = solution.as_json(setup, result, {"lidar": (solution.OK, guess)}, options)
+    content = solution.as_json(setup, result, [], {"lidar": (solution.OK, guess)}, options)
     lidar = content["sensors"]["lidar"]
     assert lidar["T_robot_sensor"] is None and lidar["covariance"] is None
     assert "cylinders' common axis, z of the robot body" in lidar["status"]["reason"]
@@ -237,7 +237,7 @@ def test_the_results_carry_the_covariance_of_the_estimate_in_its_own_order():
     kinds = {"camera": {"kind": "camera"}, "lidar": {"kind": "lidar"}}
     options = {"rig": "r", "sensors": kinds, "targets": {}, "sessions": ["s"]}
     known = {name: (solution.OK, guess) for name in kinds}
-    content = solution.as_json(setup, result, known, options)
+    content = solution.as_json(setup, result, [], known, options)
     spread = covariance(result.solution.information)
     assert content["joint_covariance"]["order"] == ["camera", "lidar"]
     np.testing.assert_array_equal(content["joint_covariance"]["matrix"], spread[:12, :12])

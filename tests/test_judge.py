@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from calib import config, geometry, solution, verdict
+from calib import config, geometry, solution, suspicion, verdict
 from synthetic import World, outline_scaled, pattern_scaled, setup, solved, zoomed
 
 LIMITS = config.complete("config", {"sessions": {"s": {"rig": "r", "log": "x"}}}, "x")["judge"]
@@ -22,7 +22,9 @@ def content(made):
     sensors = {n: KINDS[n] for n in made.models}
     options = {"rig": "r", "sensors": sensors, "targets": {}, "sessions": ["s"]}
     known = {name: (solution.OK, GUESS) for name in sensors}
-    return solution.as_json(made, solved(made), known, options)
+    result = solved(made)
+    suspected = suspicion.suspicions(made, result)
+    return solution.as_json(made, result, suspected, known, options)
 
 
 def judged(made):

@@ -638,7 +638,7 @@ SOLVE |= {"points_tolerance_m": 1e-5, "points_tolerance_rad": 1e-5}
 def estimated(problem):
     """The Result by the options of the solve stage from a start that is off by 2 cm and 3°."""
     start = {"lidar": TRUE @ OFF}
-    return estimation.estimate(problem, start, *solve.limits(problem, SOLVE), noise=10.0)
+    return estimation.estimate(problem, start, **solve.limits(problem, SOLVE))
 
 
 def test_the_estimate_by_nearest_points_comes_within_1_mm_and_0_1_deg():
@@ -684,11 +684,13 @@ def test_a_new_nearest_point_is_no_change_but_coming_and_going_is(kind, changed)
 
 @pytest.mark.parametrize(
     "names, expected",
-    [(["surface"], (100, 1e-8, 1e-8)), (["surface", "point"], (100, 1e-5, 1e-5))],
+    [(["surface"], 1e-8), (["surface", "point"], 1e-5)],
 )
 def test_the_estimate_settles_sooner_where_anything_is_compared_by_nearest_points(names, expected):
     groups = [chain.Group("s", 0, kind, {}) for kind in names]
-    assert solve.limits(chain.Setup({}, {}, [], groups, {}, {}), SOLVE) == expected
+    found = solve.limits(chain.Setup({}, {}, [], groups, {}, {}), SOLVE)
+    steps = {"tolerance_m": expected, "tolerance_rad": expected}
+    assert found == {"max_rounds": 100, "noise": 10.0, **steps}
 
 
 # --- a shape that is nothing but its template

@@ -240,6 +240,7 @@ def sensor_result(sensor):
         "left_out": [LEFT_OUT | {"kind": "corner" if sensor == "left" else "surface"}],
         "fit": {},
         "held_out": HELD_OUT,
+        "corrections": [],
         "predicted": {
             "placements": [3, 6, 12],
             "sigma_m": [None, 0.004, 0.003],

@@ -131,7 +131,7 @@ def test_a_return_on_an_end_late_by_some_centimetres_is_off_by_them(late):
     p = geometry.transform(T, [-0.4, 0.02, 0.05]) + late * beam
     residual = kinds.KINDS["cap"].residual(LIDAR, CYLINDER)
     assert value(residual, T, *p, -1, 50.0) == pytest.approx([-50 * late], rel=1e-6, abs=1e-7)
-    keypoints = {"xyz": p[None], "sigma": np.full(1, 0.02)}
+    keypoints = {"xyz": p[None], "sigma": np.full(1, 0.02), "index": [0]}
     options = {"gate_sigma": 6.0, "edge_margin_m": 0.02, "min_cosine": 0.3}
     found = kinds.KINDS["cap"].assign(LIDAR, CYLINDER, T, keypoints, options, Noise(1.0, 0.0))
     assert found.feature[0] == 0 and found.value[0] == pytest.approx([-late], abs=1e-8)
@@ -144,6 +144,7 @@ def test_a_return_on_an_end_late_by_some_centimetres_is_off_by_them(late):
 def test_a_return_at_the_rim_on_the_side_or_behind_is_on_no_end(q):
     T = geometry.pose(t=[2.4, 0.3, 0.0])
     keypoints = {"xyz": geometry.transform(T, q)[None], "sigma": np.full(1, 0.01)}
+    keypoints["index"] = [0]
     options = {"gate_sigma": 6.0, "edge_margin_m": 0.02, "min_cosine": 0.3}
     found = kinds.KINDS["cap"].assign(LIDAR, CYLINDER, T, keypoints, options, Noise(1.0, 0.0))
     assert found.feature[0] == -1
@@ -157,7 +158,7 @@ EDGE = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0)  # from a to b, target frame: along x
 def test_a_ray_through_an_edge_has_no_residual():
     ray = geometry.transform(SKEWED, [0.7, 0, 0])
     ray /= np.linalg.norm(ray)
-    assert value(EDGE_RESIDUAL, SKEWED, *ray, *EDGE, 9.0) == pytest.approx([0], abs=1e-14)
+    assert value(EDGE_RESIDUAL, SKEWED, *ray, *EDGE, 0.0, 9.0) == pytest.approx([0], abs=1e-14)
 
 
 def test_a_ray_past_an_edge_is_off_by_its_angle_signed_by_the_side_in_sigmas():
@@ -167,17 +168,20 @@ def test_a_ray_past_an_edge_is_off_by_its_angle_signed_by_the_side_in_sigmas():
     ray = np.array([0, np.sin(angle), np.cos(angle)])
     sine = np.sin(angle)
     residual = EDGE_RESIDUAL
-    assert value(residual, T, *ray, *EDGE, 1.0) == pytest.approx([sine], abs=1e-12)
-    assert value(residual, T, *(ray * [1, -1, 1]), *EDGE, 200.0) == pytest.approx([-200 * sine])
+    assert value(residual, T, *ray, *EDGE, 0.0, 1.0) == pytest.approx([sine], abs=1e-12)
+    assert value(residual, T, *(ray * [1, -1, 1]), *EDGE, 0.0, 200.0) == pytest.approx(
+        [-200 * sine]
+    )
     turned = EDGE[3:] + EDGE[:3]
-    assert value(residual, T, *ray, *turned, 1.0) == pytest.approx([-sine], abs=1e-12)
+    assert value(residual, T, *ray, *turned, 0.0, 1.0) == pytest.approx([-sine], abs=1e-12)
+    assert value(residual, T, *ray, *EDGE, sine, 1.0) == pytest.approx([0], abs=1e-12)
 
 
 def test_the_residual_of_an_edge_does_not_depend_on_how_far_along_it_or_away_it_is():
     for scale, shift in ((1, 0.0), (3, 0.0), (1, 0.4)):
         T = geometry.pose(t=[shift, 0, 2.0 * scale])
         ray = np.array([0, np.sin(0.01), np.cos(0.01)])
-        assert value(EDGE_RESIDUAL, T, *ray, *EDGE, 1.0) == pytest.approx([np.sin(0.01)])
+        assert value(EDGE_RESIDUAL, T, *ray, *EDGE, 0.0, 1.0) == pytest.approx([np.sin(0.01)])
 
 
 # --- the limb of a cylinder
@@ -238,7 +242,7 @@ KINDS = {
         (0.3, -0.2, 2.4, 30.0),
     ),
     "cap": (kinds.KINDS["cap"].residual(LIDAR, CYLINDER), (0.3, -0.2, 2.4, 1, 30.0)),
-    "edge": (EDGE_RESIDUAL, (0.0, 0.1, 0.99, 0, 0, 0, 1, 0, 0, 40.0)),
+    "edge": (EDGE_RESIDUAL, (0.0, 0.1, 0.99, 0, 0, 0, 1, 0, 0, 0.002, 40.0)),
     "limb": (kinds.KINDS["limb"].residual(CAMERA, CYLINDER), (0.1, 0.2, 0.97, -1, 300.0, 5.0)),
     "point": (kinds.KINDS["point"].residual(LIDAR, BOARD), (0.3, -0.2, 2.4, 0.1, 0.2, 0, 30.0)),
     "vertex": (kinds.KINDS["vertex"].residual(LIDAR, BOARD), (0.3, -0.2, 2.4, 0.1, 0.2, 0, 30.0)),
@@ -272,7 +276,8 @@ def kernel_values(residual, numbers, gate, T):
     r, J = (np.array(out) for out in kernel(ca.DM(T[:3]), ca.DM(numbers)))
     size = np.linalg.norm(r, axis=0)
     cost = problem.cost(size, np.ones(1), gate)
-    part = Part(T, r, J[:, :, None], loss_weight(size, gate), cost, np.arange(6), np.eye(6))
+    weight, none = loss_weight(size, gate), np.zeros((0, *r.shape))
+    part = Part(T, r, J[:, :, None], none, weight, cost, np.arange(6), np.eye(6))
     return {"cost": cost, "gradient": part.gradient, "information": part.information}
 
 
@@ -392,10 +397,11 @@ def test_the_condensed_cost_has_its_own_slope_and_the_gauss_newton_hessian():
     g, H = rng.normal(size=6), np.diag(rng.uniform(1, 2, 6))
     cost, slopes = expressions.condensed()
     given = SIGMA, *POSES, chained(np.zeros(24))[:3], g, H
-    gradient, hessian, B = (np.array(o) for o in slopes(X, *given))
+    gradient, hessian, B, eta = (np.array(o) for o in slopes(X, *given))
     found = [float(cost(X + s, *given) - cost(X - s, *given)) / (2 * h) for s in h * np.eye(24)]
     assert gradient[:, 0] == pytest.approx(found, abs=1e-8)
     assert hessian == pytest.approx(B.T @ H @ B, abs=1e-12)
+    assert gradient[:, 0] == pytest.approx(B.T @ (g + H @ eta[:, 0]), abs=1e-12)
     assert float(cost(np.zeros(24), *given)) == pytest.approx(0, abs=1e-15)
 
 
@@ -433,16 +439,19 @@ def corners_of(points, pixels, T_sensor_target, camera):
     )
 
 
+NONE = np.zeros(0, int)  # numbers of θ
+
+
 def solved(points, views, camera, T_robot_sensor, sigma=EXACT, prior=None):
     """(T_robot_sensor, MCS errors x (m,), cost, information, success) of one camera with pixels
     (n, 2) of a target at the robot's origin in each view; prior: mean and weight (6,) of the start.
     """
     n, eye = 6 + 12 * len(views), np.eye(4)
     blocks = [
-        Block("camera", "corner", "none", np.r_[0:6, [n] * 6, 6 + 12 * k : 18 + 12 * k])
+        Block("camera", "corner", "none", np.r_[0:6, [n] * 6, 6 + 12 * k : 18 + 12 * k], NONE)
         for k in range(len(views))
     ]
-    programme = Problem({"camera": camera}, {"none": None}, blocks, n)
+    programme = Problem({"camera": camera}, {"none": None}, blocks, n, 0)
     T, x, shift = T_robot_sensor, np.zeros(n), np.zeros(6)
     scale = np.concatenate([np.ones(6), np.tile(np.broadcast_to(sigma, 6), 2 * len(views))])
     mean, weight = np.zeros(n), np.concatenate([np.zeros(6), np.ones(n - 6)])
@@ -455,7 +464,8 @@ def solved(points, views, camera, T_robot_sensor, sigma=EXACT, prior=None):
         assigned = [corners_of(points, pixels, where, camera) for pixels, where in pairs]
         if prior:
             mean[:6], weight[:6] = prior[0] + shift, prior[1]
-        parts = programme.parts(x, scale, poses, assigned)
+        fixed = [np.zeros((0, 2, len(points)))] * len(views)
+        parts = programme.parts(x, scale, poses, assigned, fixed)
         found = programme.solve(parts, x, scale, poses, (mean, weight))
         T, shift, x = T @ se3_exp(found.x[:6]), shift + found.x[:6], found.x.copy()
         x[:6] = 0

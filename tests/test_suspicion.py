@@ -7,8 +7,9 @@ import pytest
 
 import synthetic
 from calib import geometry, problem, suspicion
-from calib.hypotheses import View, all_of
+from calib.hypotheses import all_of
 from calib.hypotheses.of_targets import _with_edges_moved
+from calib.hypothesis import View
 from synthetic import World, outline_scaled, pattern_scaled, setup, solved, zoomed
 
 MIXED = [("board", None)] * 7 + [("cylinder", None)] * 3
@@ -84,7 +85,8 @@ def test_the_derivatives_are_those_of_the_residuals_by_a_large_step():
     squares = next(h for h in all_of(made) if h.name == "squares")
     at = [g.kind for g in made.groups].index("corner")
     group, assigned, part = made.groups[at], result.assigned[at], result.solution.parts[at]
-    view = View(made, result.state, group, assigned, part.J)
+    model = made.models[group.sensor]
+    view = View(made, result.state, model, group, assigned, part.J)
     grown = pattern_scaled(1.001)["board"]
     slope = (view.changed(target=grown) - assigned.standard.T) / 1e-3
     np.testing.assert_allclose(squares.derivative(view)[0], slope, rtol=0.02, atol=0.1)

@@ -41,10 +41,12 @@ class Setup:
 
     models: name -> Camera or rig.Lidar; prior: name -> (T (4, 4), sigma (6,)), for a sensor
     whose pose is known beforehand; mounts: name -> T_body_target (4, 4) to start from, of the
-    targets whose place in their body is estimated too.
+    targets whose place in their body is estimated too; corrections: Hypothesis objects whose
+    numbers θ are.
 
     The unknowns are twists of the sensors and of those mounts, by name, then the errors of the MCS
-    poses of the robot at its rests and of the body in every placement, in units of their σ.
+    poses of the robot at its rests and of the body in every placement, then θ, both in units of
+    their σ.
     """
 
     models: dict
@@ -54,6 +56,7 @@ class Setup:
     associate: dict
     prior: dict
     mounts: dict = field(default_factory=dict)
+    corrections: tuple = ()
 
     @cached_property
     def robots(self):
@@ -82,28 +85,57 @@ class Setup:
         return 6 * (len(self.models) + len(self.mounts))
 
     @property
+    def chained(self):
+        """How many unknowns the chains of poses have: all but θ."""
+        return self.poses + self.sigma.size
+
+    @property
     def n(self):
         """How many unknowns there are."""
-        return self.poses + self.sigma.size
+        return self.chained + sum(h.size for h in self.corrections)
+
+    @cached_property
+    def theta_sigma(self):
+        """(p,) σ of the priors of θ."""
+        return np.concatenate([np.zeros(0), *(h.sigma for h in self.corrections)])
+
+    def numbers(self, group):
+        """Which of θ (q,) the residuals of a group may depend on."""
+        ends = np.cumsum([0] + [h.size for h in self.corrections])
+        spans = zip(self.corrections, ends[:-1], ends[1:], strict=True)
+        own = [np.arange(a, b) for h, a, b in spans if h.touches(self, group)]
+        return np.concatenate([np.zeros(0, int), *own])
 
 
 @dataclass
 class State:
     """Current estimate: poses by sensor, mounts by target, MCS errors (r + k, 6) in units of σ,
-    Noise by (sensor, kind), factor on the σ of the MCS."""
+    Noise by (sensor, kind), factor on the σ of the MCS, numbers θ (p,) of the corrections, SI."""
 
     T_robot_sensor: dict
     mounts: dict
     y: np.ndarray
     noise: dict
     mocap: float = 1.0
+    theta: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 def start(setup, T_robot_sensor, factor):
     """The State from poses by sensor: no MCS error, `factor` times the configured noise."""
     keys = sorted({noise.of(g) for g in setup.groups})
     scales = {key: noise.initial(key[1], factor) for key in keys}
-    return State(dict(T_robot_sensor), dict(setup.mounts), np.zeros_like(setup.sigma), scales)
+    y, theta = np.zeros_like(setup.sigma), np.zeros_like(setup.theta_sigma)
+    return State(dict(T_robot_sensor), dict(setup.mounts), y, scales, theta=theta)
+
+
+def model(setup, state, group):
+    """The model of a group's sensor with the corrections that touch the group."""
+    out, first = setup.models[group.sensor], 0
+    for h in setup.corrections:
+        if h.touches(setup, group):
+            out = h.mended(out, state.theta[first : first + h.size], group.placement)
+        first += h.size
+    return out
 
 
 def T_body_target(setup, state):
@@ -125,8 +157,8 @@ def T_sensor_target(setup, state, sensor, k):
 
 
 def columns(setup, group):
-    """Unknowns (24,) of a group: its sensor, the mount, the robot's and the body's MCS pose; the
-    number of all unknowns stands for a mount that is not estimated."""
+    """Unknowns (24,) of a group's chain: its sensor, the mount, the robot's and the body's MCS
+    pose; the number of all of these stands for a mount that is not estimated."""
     sensors, mounts = sorted(setup.models), sorted(setup.mounts)
     target = setup.placements[group.placement].target
     starts = [6 * sensors.index(group.sensor)]
@@ -134,7 +166,7 @@ def columns(setup, group):
     poses = setup.robots[group.placement], setup.n_robots + group.placement
     starts += [setup.poses + 6 * i for i in poses]
     six = np.arange(6)
-    return np.concatenate([np.full(6, setup.n) if s is None else s + six for s in starts])
+    return np.concatenate([np.full(6, setup.chained) if s is None else s + six for s in starts])
 
 
 def chains(setup, state):
@@ -160,6 +192,13 @@ def priors(setup, state):
     return mean, weight
 
 
+def unknowns(setup, state):
+    """x (n,) where the State stands, twists from there, and the scale (n,) of each in SI."""
+    x = np.zeros(setup.poses), state.y.reshape(-1), state.theta / setup.theta_sigma
+    scale = np.ones(setup.poses), state.mocap * setup.sigma.reshape(-1), setup.theta_sigma
+    return np.concatenate(x), np.concatenate(scale)
+
+
 def moved(setup, state, x):
     """The State at unknowns x (n,)."""
     twists = geometry.se3_exp(x[: setup.poses].reshape(-1, 6))
@@ -167,7 +206,8 @@ def moved(setup, state, x):
     return State(
         {n: state.T_robot_sensor[n] @ T for n, T in zip(sensors, twists, strict=False)},
         {n: state.mounts[n] @ T for n, T in zip(mounts, twists[len(sensors) :], strict=True)},
-        x[setup.poses :].reshape(-1, 6),
+        x[setup.poses : setup.chained].reshape(-1, 6),
         state.noise,
         state.mocap,
+        x[setup.chained :] * setup.theta_sigma,
     )

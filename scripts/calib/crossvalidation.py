@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib import normal
 from calib.information import covariance, inverse, to_unit
 from calib.observability import UNDETERMINED
 
@@ -60,9 +59,8 @@ def _left(k, own, names, P):
     H, g = np.zeros((len(columns), len(columns))), np.zeros(len(columns))
     for _, part in own:
         at = np.searchsorted(columns, part.columns)
-        information, gradient = normal.of_unknowns(part)
-        H[np.ix_(at, at)] += information
-        g[at] += gradient
+        H[np.ix_(at, at)] += part.hessian
+        g[at] += part.slope
     # Woodbury: with E the columns concerned, (P⁻¹ - E H Eᵀ)⁻¹ E = P E (1 - H Eᵀ P E)⁻¹.
     mixed = np.eye(len(columns)) - H @ P[np.ix_(columns, columns)]
     rest = np.linalg.lstsq(mixed.T, P[columns], rcond=None)[0].T
@@ -96,9 +94,12 @@ def _held(parts, columns, step, spread):
     if not known.any():
         return None
     U, values = vectors[:, known], values[known]
-    gradient = sum(p.gradient for p in parts) + M @ (A @ step)
-    own = -(U.T @ gradient) / values
-    scale, unit = to_unit(U.T @ A @ spread @ A.T @ U + np.diag(1 / values))
+    slope = M @ A
+    for p in parts:
+        slope[:, np.searchsorted(columns, p.columns[len(p.columns) - len(p.D) :])] += p.coupling
+    own = -(U.T @ (sum(p.gradient for p in parts) + slope @ step)) / values
+    predicted = U.T @ slope / values[:, None]
+    scale, unit = to_unit(predicted @ spread @ predicted.T + np.diag(1 / values))
     # Negative by rounding alone: exact ranges beside coarse poses leave nothing else of it.
     nees = max(float((own * scale) @ np.linalg.solve(unit, own * scale)), 0.0)
     return Held(U @ own, nees, int(known.sum()))
@@ -146,7 +147,7 @@ def _reduced(setup, result, own):
         H = np.diag((~np.isin(mine, rows)).astype(float))
         for part in used[k]:
             at = np.searchsorted(mine, part.columns)
-            H[np.ix_(at, at)] += normal.of_unknowns(part)[0]
+            H[np.ix_(at, at)] += part.hessian
         common = np.isin(mine, rows)
         alone = H[np.ix_(~common, ~common)]
         cross = H[np.ix_(~common, common)]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib import chain, geometry, kinds, noise
+from calib.hypothesis import View
 from calib.information import inverse
 from calib.noise import wide
 from calib.problem import Block, Problem, information
@@ -55,7 +56,8 @@ def _assigned(function_of, setup, state):
     for g in setup.groups:
         target = setup.targets[setup.placements[g.placement].target]
         where = T_sensor_robot[g.sensor] @ T[g.placement]
-        given = setup.models[g.sensor], target, where, g.keypoints, setup.associate
+        model = chain.model(setup, state, g)
+        given = model, target, where, g.keypoints, setup.associate
         out.append(function_of(g.kind)(*given, state.noise[noise.of(g)]))
     return out
 
@@ -63,18 +65,36 @@ def _assigned(function_of, setup, state):
 def build(setup):
     """The Problem of a setup."""
     blocks = [
-        Block(g.sensor, g.kind, setup.placements[g.placement].target, chain.columns(setup, g))
+        Block(
+            g.sensor,
+            g.kind,
+            setup.placements[g.placement].target,
+            chain.columns(setup, g),
+            setup.numbers(g),
+        )
         for g in setup.groups
     ]
-    return Problem(setup.models, setup.targets, blocks, setup.n)
+    return Problem(setup.models, setup.targets, blocks, setup.chained, setup.n - setup.chained)
+
+
+def slopes(setup, state, assigned):
+    """Of every group, derivatives (q, k, n) of its residuals by those of θ that they depend on, in
+    units of their σ."""
+    out = []
+    for g, a in zip(setup.groups, assigned, strict=True):
+        view = View(setup, state, chain.model(setup, state, g), g, a, None)
+        own = [h.derivative(view) for h in setup.corrections if h.touches(setup, g)]
+        none = np.zeros((0, *a.value.T.shape))
+        scale = setup.theta_sigma[setup.numbers(g)][:, None, None]
+        out.append(scale * np.concatenate([none, *own]))
+    return out
 
 
 def step(setup, problem, state, assigned):
     """Solve with the members fixed; returns the new State, the Fit and the twists (s, 6)."""
-    x = np.concatenate([np.zeros(setup.poses), state.y.reshape(-1)])
-    scale = np.concatenate([np.ones(setup.poses), state.mocap * setup.sigma.reshape(-1)])
+    x, scale = chain.unknowns(setup, state)
     poses, (mean, weight) = chain.chains(setup, state), chain.priors(setup, state)
-    parts = problem.parts(x, scale, poses, assigned)
+    parts = problem.parts(x, scale, poses, assigned, slopes(setup, state, assigned))
     found = problem.solve(parts, x, scale, poses, _held(setup, mean, weight))
     offset = weight * (x + mean)
     fit = Fit(
@@ -104,7 +124,12 @@ def renoised(setup, state, fit, twists, assigned):
         scales = noise.shared(setup, assigned, scales, absorbed(setup, fit, posterior))
     mocap = mocap_factor(setup, state, posterior)
     return chain.State(
-        state.T_robot_sensor, state.mounts, state.y * state.mocap / mocap, scales, mocap
+        state.T_robot_sensor,
+        state.mounts,
+        state.y * state.mocap / mocap,
+        scales,
+        mocap,
+        state.theta,
     )
 
 
@@ -112,8 +137,8 @@ def absorbed(setup, fit, posterior):
     """How many residuals of every (sensor, kind) the estimate has used up: their leverage."""
     used = {}
     for g, p in zip(setup.groups, fit.parts, strict=True):
-        predicted = p.A @ posterior[np.ix_(p.columns, p.columns)] @ p.A.T
-        used[noise.of(g)] = used.get(noise.of(g), 0.0) + float(np.sum(p.information * predicted))
+        predicted = posterior[np.ix_(p.columns, p.columns)]
+        used[noise.of(g)] = used.get(noise.of(g), 0.0) + float(np.sum(p.hessian * predicted))
     return used
 
 
@@ -127,7 +152,7 @@ def mocap_factor(setup, state, posterior):
     counts = np.ones(len(setup.sigma), bool)
     counts[setup.robots[~exact]] = False
     counts[setup.n_robots :] = exact
-    known = 1 - np.diag(posterior)[setup.poses :].reshape(-1, 6)
+    known = 1 - np.diag(posterior)[setup.poses : setup.chained].reshape(-1, 6)
     return noise.of_mocap(state.y[counts], known[counts], state.mocap)
 
 

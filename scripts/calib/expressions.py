@@ -67,7 +67,7 @@ def chain():
 def condensed():
     """Functions of chain's inputs and T0 (3, 4), g (6), H (6, 6), of a cost that is ½ ηᵀHη + gᵀη of
     the perturbation η of T_sensor_target from T0: to the cost, and to its gradient (24), Hessian
-    (24, 24) and dη/dx (6, 24).
+    (24, 24), dη/dx (6, 24) and η (6).
 
     η = (R₀ᵀ(t - t₀), vee(R₀ᵀR)) is the right perturbation to first order; the Hessian leaves out
     its curvature, as Gauss and Newton do.
@@ -78,7 +78,7 @@ def condensed():
     eta = ca.vertcat(T0[:, :3].T @ (T[:, 3] - T0[:, 3]), ca.inv_skew((turned - turned.T) / 2))
     cost = ca.dot(g, eta) + ca.dot(eta, H @ eta) / 2
     B = ca.jacobian(eta, inputs[0])
-    slopes = [ca.densify(o) for o in (B.T @ (g + H @ eta), B.T @ H @ B, B)]
+    slopes = [ca.densify(o) for o in (B.T @ (g + H @ eta), B.T @ H @ B, B, eta)]
     inputs = [*inputs, T0, g, H]
     return ca.Function("cost", inputs, ca.cse([cost])), ca.Function(
         "slopes", inputs, ca.cse(slopes)

@@ -7,14 +7,9 @@ from scipy.sparse.csgraph import connected_components
 from calib.information import inverse
 
 
-def of_unknowns(part):
-    """Information (m, m) and gradient (m,) of a problem.Part about its own unknowns."""
-    return part.A.T @ part.information @ part.A, part.A.T @ part.gradient
-
-
 def mcs_errors(setup, result):
     """Columns (m,) of the MCS errors in the unknowns, and their values (m,) in σ of the priors."""
-    return np.arange(setup.poses, setup.n), result.state.y.reshape(-1)
+    return np.arange(setup.poses, setup.chained), result.state.y.reshape(-1)
 
 
 def determined(information, columns):

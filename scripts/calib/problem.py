@@ -1,15 +1,17 @@
 """The joint problem: all sensors, targets and placements in one nonlinear programme.
 
-    minimise over ξ, y:  Σ_i w_i ρ(|r_i(T_sensor_target)|²) + ½ Σ_k |y_k|² + ½ Σ_s |(ξ_s+m_s)/p_s|²
+    minimise over ξ, y, θ:
+    Σ_i w_i ρ(|r_i(T_sensor_target, θ)|²) + ½ Σ_k |y_k|² + ½ Σ_s |(ξ_s+m_s)/p_s|² + ½ |θ|²
 
 with T_sensor_target from the sensor's ξ_s, the target's ξ_t where its mount is estimated, and the
 two MCS pose errors of its placement, in units of their priors, y (expressions.chain; paper
 equations 1 to 4). One y per (placement, body) is shared by all scans, images and sensors of the
-placement, and the robot's by all targets that rest at the same time.
+placement, and the robot's by all targets that rest at the same time. θ are further numbers of
+sensors, in units of their priors (hypothesis.Hypothesis).
 
-The measurements of a group depend on one pose alone. They are condensed, about where it stands, to
-the gradient and the Gauss-Newton Hessian (6, 6) by that pose, and IPOPT finds the poses of the
-whole chain that minimise the sum; estimation.estimate condenses again there, until nothing moves.
+The measurements of a group depend on one pose and on θ. They are condensed, about where these
+stand, to the gradient and the Gauss-Newton Hessian by them, and IPOPT finds the poses of the whole
+chain, and θ, that minimise the sum; estimation.estimate condenses again there, until nothing moves.
 """
 
 from dataclasses import dataclass
@@ -40,13 +42,15 @@ OPTIONS = {
 class Block:
     """The measurements of one kind that one sensor made of one target in one placement.
 
-    columns (24,): its unknowns in the order of expressions.chain, the number of unknowns for none.
+    columns (24,): its unknowns in the order of expressions.chain, the number of all unknowns of
+    chains for none; numbers (q,): which of θ its residuals depend on.
     """
 
     sensor: str
     kind: str
     target: str
     columns: np.ndarray
+    numbers: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -62,13 +66,15 @@ class Poses:
 class Part:
     """One group of measurements about where its T_sensor_target (4, 4) stands.
 
-    r (k, n), J (k, 6, n): residuals and their derivatives by its right perturbation, in σ; weight
-    (n,) of each. columns (m,) of the unknowns that move it, by A (6, m).
+    r (k, n), J (k, 6, n), D (q, k, n): residuals, and their derivatives by its right perturbation
+    and by those of θ that they depend on, in σ; weight (n,) of each. columns (m,) of the unknowns
+    that move it, by A (6, m), and of those of θ, whose columns of A are zero, last.
     """
 
     T_sensor_target: np.ndarray
     r: np.ndarray
     J: np.ndarray
+    D: np.ndarray
     weight: np.ndarray
     cost: float
     columns: np.ndarray
@@ -86,6 +92,36 @@ class Part:
         Weights of a robust loss held fixed bound its cost from above: no step overshoots.
         """
         return sum((self.weight * J) @ J.T for J in self.J)
+
+    @cached_property
+    def coupling(self):
+        """(6, q), likewise, between it and those of θ."""
+        return np.einsum("kin,qkn->iq", self.J * self.weight, self.D, optimize=True)
+
+    def by_unknowns(self, D):
+        """(m, p) Σ w Dᵀ ∂r/∂x of derivatives D (p, k, n) by other numbers, x its own unknowns."""
+        out = self.A.T @ np.einsum("kin,pkn->ip", self.J * self.weight, D, optimize=True)
+        own = np.einsum("qkn,pkn->qp", self.D * self.weight, D, optimize=True)
+        return np.concatenate([out[: len(out) - len(own)], own])
+
+    @cached_property
+    def hessian(self):
+        """(m, m): information about its own unknowns."""
+        out = self.A.T @ self.information @ self.A
+        q = len(self.D)
+        if q:
+            across = self.by_unknowns(self.D)
+            out[:, -q:], out[-q:] = across, across.T
+        return out
+
+    @cached_property
+    def slope(self):
+        """(m,): gradient of the cost by its own unknowns."""
+        out = self.A.T @ self.gradient
+        if len(self.D):
+            own = np.einsum("qkn,kn->q", self.D * self.weight, self.r, optimize=True)
+            out[-len(own) :] = own
+        return out
 
 
 @dataclass(frozen=True)
@@ -108,11 +144,12 @@ def cost(size, share, gate):
 class Problem:
     """The programme of fixed blocks; measurements, poses and noise change between solutions.
 
-    models: name -> Camera or rig.Lidar; targets: name -> shape; n: number of unknowns.
+    models: name -> Camera or rig.Lidar; targets: name -> shape; chained, p: number of unknowns of
+    the chains and of θ.
     """
 
-    def __init__(self, models, targets, blocks, n):
-        self.blocks, self.n = blocks, n
+    def __init__(self, models, targets, blocks, chained, p):
+        self.blocks, self.chained, self.p = blocks, chained, p
         self.kernels = {}
         for key in sorted({(b.kind, b.sensor, b.target) for b in blocks}):
             kind = kinds.KINDS[key[0]]
@@ -124,29 +161,34 @@ class Problem:
         self.cost, self.slopes = (f.map(len(blocks)) for f in expressions.condensed())
         self.solver = self._solver()
 
-    def parts(self, x, scale, poses, assigned):
-        """A Part for the Assignment of every block, at unknowns x (n,) in units of scale (n,)."""
+    def parts(self, x, scale, poses, assigned, slopes):
+        """A Part for the Assignment of every block, at unknowns x (n,) in units of scale (n,).
+
+        slopes: of every block, derivatives (q, k, n) by its numbers of θ, in units of their scale.
+        """
         inputs = self._inputs(x, scale, poses)
         T = np.array(self.chain(*inputs)).reshape(3, len(self.blocks), 4).swapaxes(0, 1)
         none = np.zeros((6, len(self.blocks))), np.zeros((6, 6 * len(self.blocks)))
         A = np.array(self.slopes(*inputs, np.hstack(T), *none)[2]).reshape(6, len(self.blocks), 24)
         return [
-            self._part(b, a, T[k], A[:, k], self.columns[k])
-            for k, (b, a) in enumerate(zip(self.blocks, assigned, strict=True))
+            self._part(b, a, T[k], A[:, k], D)
+            for k, (b, a, D) in enumerate(zip(self.blocks, assigned, slopes, strict=True))
         ]
 
-    def _part(self, b, a, T, A, columns):
+    def _part(self, b, a, T, A, D):
         data = a.data
         n = data.shape[1]
         r, J = self.kernels[b.kind, b.sensor, b.target](T.T.reshape(-1), data)
         r = np.stack([np.broadcast_to(v, n) for v in r])
         J = np.stack([np.broadcast_to(v, n) for v in J]).reshape(6, len(r), n).swapaxes(0, 1)
         out = a.feature < 0
-        used = columns < self.n
+        used = b.columns < self.chained
+        A = np.column_stack([A[:, used], np.zeros((6, len(b.numbers)))])
+        columns = np.concatenate([b.columns[used], self.chained + b.numbers])
         whole = np.vstack([T, [0, 0, 0, 1]])
         r[:, out], J[:, :, out] = 0, 0
         total = cost(a.size[~out], a.share[~out], a.gate)
-        return Part(whole, r, J, a.weight, total, columns[used], A[:, used])
+        return Part(whole, r, J, np.where(out, 0.0, D), a.weight, total, columns, A)
 
     def solve(self, parts, x, scale, poses, prior):
         """The Solution, from x (n,) in units of scale (n,), of measurements condensed to parts.
@@ -160,7 +202,8 @@ class Problem:
         T0 = np.hstack([p.T_sensor_target[:3] for p in parts])
         g = np.column_stack([p.gradient for p in parts])
         H = np.hstack([p.information for p in parts])
-        given = [size, mean, weight, *self._inputs(x, scale, poses)[1:], T0, g, H]
+        of_theta = x[self.chained :], *self._by_theta(parts)
+        given = [size, mean, weight, *self._inputs(x, scale, poses)[1:], T0, g, H, *of_theta]
         packed = np.concatenate([np.ravel(v, order="F") for v in given])
         found = self.solver(x0=x, p=packed)
         stats = self.solver.stats()
@@ -173,65 +216,90 @@ class Problem:
 
     def _inputs(self, x, scale, poses):
         """The arguments of chain for all blocks, side by side."""
-        both = [np.append(v, fill)[self.columns].T for v, fill in ((x, 0.0), (scale, 1.0))]
+        both = (x[: self.chained], 0.0), (scale[: self.chained], 1.0)
+        both = [np.append(v, fill)[self.columns].T for v, fill in both]
         return *both, *(np.hstack(T) for T in vars(poses).values())
+
+    def _by_theta(self, parts):
+        """Coupling (6 b, p) between the blocks' poses and θ, gradient (p,) and Hessian (p, p)."""
+        across = np.zeros((len(parts), 6, self.p))
+        slope, curved = np.zeros(self.p), np.zeros((self.p, self.p))
+        for k, (b, part) in enumerate(zip(self.blocks, parts, strict=True)):
+            q = len(b.numbers)
+            if q:
+                across[k][:, b.numbers] = part.coupling
+                slope[b.numbers] += part.slope[-q:]
+                curved[np.ix_(b.numbers, b.numbers)] += part.hessian[-q:, -q:]
+        return across.reshape(6 * len(parts), self.p), slope, curved
 
     def _solver(self):
         """The NLP in x, given all that changes between solutions as one vector of parameters."""
-        b, (x, p, given) = len(self.blocks), _symbols(self.n, len(self.blocks))
-        size, mean, weight, *rest = given
-        own = ca.reshape(ca.vertcat(x, 0)[self.columns.reshape(-1).tolist()], 24, b)
-        offset = weight * (x + mean)
-        cost = size * (ca.sum2(self.cost(own, *rest)) + ca.dot(offset, offset) / 2)
-        gradient, hessian, _ = self.slopes(own, *rest)
-        triangle, scatter, place = _layout(self.columns, self.n)
-        slope = size * (scatter @ ca.vec(gradient) + weight * offset)
-        curved = size * (place @ ca.vertcat(ca.vec(hessian), weight**2))
+        n, p, b = self.chained + self.p, self.p, len(self.blocks)
+        x, given, parts = _symbols(n, p, b)
+        size, mean, weight, *poses, g, H, theta, across, score, curved = parts
+        own = ca.reshape(ca.vertcat(x[: self.chained], 0)[self.columns.reshape(-1).tolist()], 24, b)
+        step, offset = x[self.chained :] - theta, weight * (x + mean)
+        # What θ moves acts on a pose as a force more.
+        rest = *poses, g + ca.reshape(across @ step, 6, b), H
+        gradient, hessian, B, eta = self.slopes(own, *rest)
+        cost = ca.sum2(self.cost(own, *rest)) + ca.dot(offset, offset) / 2
+        cost = size * (cost + ca.dot(step, curved @ step) / 2 + ca.dot(score, step))
+        by_theta = across.T @ ca.vec(eta) + curved @ step + score
+        triangle, scatter, place = _layout(self.columns, self.chained, p)
+        slope = size * (ca.vertcat(scatter @ ca.vec(gradient), by_theta) + weight * offset)
+        mixed = [
+            B[:, 24 * k : 24 * k + 24].T @ across[6 * k : 6 * k + 6, :] for k in range(b * (p > 0))
+        ]
+        entries = [ca.vec(hessian), weight**2, *(ca.vec(m) for m in mixed), ca.vec(curved)]
         factor, none = ca.MX.sym("factor"), ca.MX.sym("none", ca.Sparsity(0, 0))
+        second = ca.MX(triangle, factor * size * (place @ ca.vertcat(*entries)))
         derivatives = {
-            "grad_f": ca.Function("nlp_grad_f", [x, p], [cost, slope]),
-            "hess_lag": ca.Function(
-                "nlp_hess_l", [x, p, factor, none], [ca.MX(triangle, factor * curved)]
-            ),
+            "grad_f": ca.Function("nlp_grad_f", [x, given], [cost, slope]),
+            "hess_lag": ca.Function("nlp_hess_l", [x, given, factor, none], [second]),
         }
-        return ca.nlpsol("nlp", "ipopt", {"x": x, "p": p, "f": cost}, OPTIONS | derivatives)
+        return ca.nlpsol("nlp", "ipopt", {"x": x, "p": given, "f": cost}, OPTIONS | derivatives)
 
 
-def _symbols(n, b):
-    """Unknowns x (n,), all parameters of b blocks as one vector, and its parts: the scale of the
-    cost, the priors' means and weights, and what expressions.condensed takes but x."""
+def _symbols(n, p, b):
+    """Unknowns x (n,), the last p of them θ, all parameters of b blocks as one vector, and its
+    parts: the scale of the cost, the priors' means and weights, what expressions.condensed takes
+    but x, where θ stands, and its coupling, gradient and Hessian (Problem._by_theta)."""
     shapes = [(1, 1), (n, 1), (n, 1), (24, b), *[(4, 4 * b)] * 3, (3, 4 * b), (6, b), (6, 6 * b)]
+    shapes += [(p, 1), (6 * b, p), (p, 1), (p, p)]
     ends = np.cumsum([0] + [rows * columns for rows, columns in shapes]).tolist()
-    x, p = ca.MX.sym("x", n), ca.MX.sym("p", ends[-1])
-    flat = ca.vertsplit(p, ends)
-    return x, p, [ca.reshape(v, *shape) for v, shape in zip(flat, shapes, strict=True)]
+    x, given = ca.MX.sym("x", n), ca.MX.sym("p", ends[-1])
+    flat = ca.vertsplit(given, ends)
+    return x, given, [ca.reshape(v, *shape) for v, shape in zip(flat, shapes, strict=True)]
 
 
 def information(parts, weight):
     """(n, n): what all measurements tell of the unknowns, and their priors of weight (n,)."""
     total = np.diag(weight**2)
     for p in parts:
-        total[np.ix_(p.columns, p.columns)] += p.A.T @ p.information @ p.A
+        total[np.ix_(p.columns, p.columns)] += p.hessian
     return total
 
 
-def _layout(columns, n):
+def _layout(columns, chained, p):
     """Sparsity of the Hessian's upper triangle, and constant matrices that add up in it, and in the
-    gradient, what the blocks say of their own unknowns, columns (b, 24)."""
+    gradient, what the blocks say of their own unknowns, columns (b, 24), and of p numbers θ.
+
+    What is added up, column by column as CasADi lays it out: the blocks' Hessians (24, 24), the
+    diagonal, and, where there are θ, the blocks' (24, p) and θ's own (p, p).
+    """
+    n, theta = chained + p, chained + np.arange(p)
     flat = columns.reshape(-1)
-    used = np.flatnonzero(flat < n)
-    scatter = _ones(flat[used], used, n, len(flat))
-    # Column-major, as CasADi lays out the blocks' Hessians side by side.
-    row = np.tile(columns, (1, 24)).reshape(-1)
-    column = np.repeat(columns, 24, axis=1).reshape(-1)
+    used = np.flatnonzero(flat < chained)
+    scatter = _ones(flat[used], used, chained, len(flat))
+    known = np.where(columns < chained, columns, n)
+    rows = [np.tile(known, (1, 24)), np.arange(n), np.tile(known, (1, p)), np.tile(theta, p)]
+    places = [np.repeat(known, 24, axis=1), np.arange(n)]
+    places += [np.tile(np.repeat(theta, 24), len(columns)), np.repeat(theta, p)]
+    row, column = (np.concatenate([np.ravel(v) for v in values]) for values in (rows, places))
     upper = np.flatnonzero((row <= column) & (column < n))
-    keys, at = np.unique(
-        np.concatenate([column[upper] * n + row[upper], np.arange(n) * (n + 1)]),
-        return_inverse=True,
-    )
+    keys, at = np.unique(column[upper] * n + row[upper], return_inverse=True)
     triangle = ca.Sparsity.triplet(n, n, (keys % n).tolist(), (keys // n).tolist())
-    source = np.concatenate([upper, len(row) + np.arange(n)])
-    return triangle, scatter, _ones(at, source, len(keys), len(row) + n)
+    return triangle, scatter, _ones(at, upper, len(keys), len(row))
 
 
 def _ones(rows, columns, height, width):

@@ -96,9 +96,8 @@ def information(setup, state):
     """(n, n), twice, of all unknowns of the estimate: of what lies on the targets, with the priors
     of the MCS, and of where scan lines leave the targets."""
     assigned = estimation.assign_all(setup, state)
-    x, scale = np.zeros(setup.n), np.ones(setup.n)
-    scale[setup.poses :] = setup.sigma.reshape(-1)
-    parts = estimation.build(setup).parts(x, scale, chain.chains(setup, state), assigned)
+    given = *chain.unknowns(setup, state), chain.chains(setup, state), assigned
+    parts = estimation.build(setup).parts(*given, estimation.slopes(setup, state, assigned))
     inside, outlines = np.zeros((2, setup.n, setup.n))
     np.fill_diagonal(inside[setup.poses :, setup.poses :], 1.0)
     for g, a, p in zip(setup.groups, assigned, parts, strict=True):

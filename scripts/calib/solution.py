@@ -12,8 +12,8 @@ from calib import (
     kinds,
     observability,
     quality,
+    refinement,
     rig,
-    suspicion,
     tables,
 )
 from calib.information import covariance
@@ -23,7 +23,7 @@ from calib.status import OK, failed
 PACKAGES = ("casadi", "mcap", "numpy", "opencv-python-headless", "pyarrow", "rosbags", "scipy")
 
 
-def as_json(setup, result, known, options):
+def as_json(setup, result, suspected, known, options):
     """The content of solution.json; known: sensor -> (status before the solve, guess.json)."""
     names = sorted(setup.models)
     open_directions = {n: directions(setup, result, n) for n in names}
@@ -43,7 +43,6 @@ def as_json(setup, result, known, options):
             **quality.counts(name, options["sensors"][name]["kind"], setup, result),
             **tests_of(name, setup, result, left if name in solved else []),
         }
-    suspected = suspicion.suspicions(setup, result) if solved else []
     return {
         "rig": options["rig"],
         "settled": result.settled,
@@ -52,7 +51,9 @@ def as_json(setup, result, known, options):
         "joint_covariance": {"order": solved, "matrix": joint.tolist()} if solved else None,
         "pairs": pairs(result.state.T_robot_sensor, solved, joint),
         "targets": targets(setup, result, options),
-        "suspicions": [s | {"shift": {n: s["shift"][n] for n in solved}} for s in suspected],
+        "suspicions": [s | {"shift": {n: s["shift"][n] for n in solved}} for s in suspected]
+        if solved
+        else [],
         "influences": quality.influences(setup, left),
         "noise": noise(setup, result),
         "provenance": {
@@ -137,12 +138,14 @@ def pose_of(name, result, solved, joint, guess):
 def tests_of(name, setup, result, left):
     """What a verdict asks of one sensor beside its pose; left: crossvalidation.Left, or none."""
     if name not in setup.models:
-        return {"tilt": {}, "fit": {}, "advice": "", "held_out": None, "predicted": None}
+        none = {"tilt": {}, "fit": {}, "advice": "", "held_out": None, "predicted": None}
+        return none | {"corrections": []}
     directions, _ = quality.seen(name, setup, result)
     tilt = {k: observability.spread(v) for k, v in directions.items() if len(v)}
     return {
         "tilt": {k: v for k, v in tilt.items() if v is not None},
         "fit": quality.fit(name, setup, result),
+        "corrections": refinement.corrections(setup, result, name) if left else [],
         "advice": advice(name, setup, result),
         "held_out": quality.held_out(name, left),
         "predicted": crossvalidation.sigma_by_count(setup, result, name) if left else None,

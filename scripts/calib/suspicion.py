@@ -6,8 +6,8 @@ the others are tried beside it: what then has nothing left to say was another na
 
 import numpy as np
 
-from calib import hypotheses, kinds, normal, scores
-from calib.hypotheses import View
+from calib import chain, hypotheses, kinds, normal, scores
+from calib.hypothesis import View
 from calib.observability import ARM
 
 CONSIDERED = 1e-3  # chance of so large a gain where nothing is wrong, above which it is no news
@@ -108,7 +108,7 @@ def noises(setup, result, found, columns):
     blocks, least, owner = {}, {}, {}
     for g, a, part in zip(setup.groups, result.assigned, parts, strict=True):
         key, scale = f"{g.sensor}/{g.kind}", result.state.noise[g.sensor, g.kind].total
-        view = View(setup, result.state, g, a, part.J)
+        view = View(setup, result.state, chain.model(setup, result.state, g), g, a, part.J)
         blocks.setdefault(key, []).append(_block(view, part, found, columns, cluster[g.placement]))
         # Where σ is the step of a scan pattern, it is at least that step.
         step = kinds.KINDS[g.kind].ROUNDING is None
@@ -127,15 +127,14 @@ def _block(view, part, found, columns, cluster):
     D = np.concatenate([none, *(found[i].derivative(view) for i in near)])
     at = np.concatenate([np.zeros(0, int), *(columns[i] for i in near)])
     w, r = part.weight, part.r
-    information, gradient = normal.of_unknowns(part)
     return scores.Block(
         cluster,
         part.columns,
         at,
-        information,
-        part.A.T @ np.einsum("kin,qkn->iq", part.J * w, D, optimize=True),
+        part.hessian,
+        part.by_unknowns(D),
         np.einsum("pkn,qkn->pq", D * w, D, optimize=True),
-        gradient,
+        part.slope,
         np.einsum("qkn,kn->q", D * w, r, optimize=True),
         float(np.sum(w * r**2)),
         float(np.sum(w)) * len(r),

@@ -6,11 +6,21 @@ LEVELS = ("pass", "warn", "fail")
 MM, PERCENT, DEG = 1e3, 100.0, np.degrees(1.0)
 # Checks in order of importance: what is wrong comes before what it does to the numbers.
 CHECKS = (
-    "status", "suspicion", "tilt_deg", "rejected", "mocap_factor", "noise_factor", "beyond",
-    "whiteness", "heldout", "sigma_m", "sigma_deg", "placements", "correction_sigma", "settled",
+    "status", "suspicion", "apart", "tilt_deg", "rejected", "mocap_factor", "noise_factor",
+    "beyond", "whiteness", "heldout", "sigma_m", "sigma_deg", "placements", "correction_sigma",
+    "settled",
 )  # fmt: skip
 # Those that say that measurements and model disagree: more views of the same would not help.
-MISFIT = {"suspicion", "rejected", "mocap_factor", "noise_factor", "beyond", "whiteness", "heldout"}
+MISFIT = {
+    "suspicion",
+    "rejected",
+    "mocap_factor",
+    "noise_factor",
+    "beyond",
+    "whiteness",
+    "heldout",
+    "apart",
+}
 REMEDY = {
     "rejected": "see what was left out and where (section 5): a stand, a hand, a wrong size or "
     "mount of a target, or wrong lens parameters",
@@ -80,10 +90,15 @@ def of_sensor(name, sensor, limits):
     if not sensor["status"]["ok"]:
         status = sensor["status"]
         return [finding("status", [name], "fail", f"{name}: {status['reason']}", status["remedy"])]
-    out = _measured(name, sensor["rejected"], limits, "rejected", "rejected", PERCENT, " %")
+    out = [
+        finding("apart", [name], "warn", f"{c['text']}; returns are believed", c["remedy"])
+        for c in sensor["corrections"]
+        if c["name"] == "apart"
+    ]
+    out += _measured(name, sensor["rejected"], limits, "rejected", "rejected", PERCENT, " %")
     out += _measured(name, sensor["placements"], limits, "placements", "placements", large=False)
     for kind, fit in sorted(sensor["fit"].items()):
-        if not out or out[0]["check"] != "rejected":
+        if not any(f["check"] == "rejected" for f in out):
             out += _rejected(name, kind, fit["rejected"], sensor["left_out"], limits)
         out += _of_fit(name, kind, fit, limits)
     out += _of_tilt(name, sensor, limits)

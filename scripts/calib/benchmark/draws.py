@@ -29,7 +29,7 @@ def draw(recording, seed):
     if not setup.groups:
         return Draw(None, None)
     stops = solve.limits(setup, recording.options["solve"] | TOLERANCE)
-    result = estimation.estimate(setup, start, *stops, noise=10.0)
+    result = estimation.estimate(setup, start, **stops)
     T = result.state.T_robot_sensor[recording.sensor]
     spread = covariance(result.solution.information)[:6, :6]
     error = geometry.se3_log(geometry.inverse(T) @ recording.T_robot_sensor)

@@ -2,13 +2,12 @@
 
 A hypothesis has a few numbers θ that are zero if all is as configured. Its derivative says how the
 standardised residuals of a group change with θ. To add one: write a function that yields Hypothesis
-objects of a Setup and add it to SOURCES.
+objects of a Setup and add it to SOURCES. One that states how a sensor's model is mended may be
+estimated along with the poses (refinement.py).
 """
 
 from calib.hypotheses import of_sensors, of_targets
-from calib.hypotheses.base import View
 
-__all__ = ["View", "all_of"]
 SOURCES = (
     of_targets.squares,
     of_targets.outlines,
@@ -18,9 +17,12 @@ SOURCES = (
     of_sensors.ranges,
     of_sensors.beams,
     of_sensors.widths,
+    of_sensors.disagreements,
 )
 
 
 def all_of(setup):
-    """Every Hypothesis of a Setup, in a fixed order."""
-    return [h for source in SOURCES for h in source(setup)]
+    """Every Hypothesis of a Setup that it does not estimate already, in a fixed order."""
+    known = {(h.name, h.of) for h in setup.corrections}
+    found = [h for source in SOURCES for h in source(setup)]
+    return [h for h in found if (h.name, h.of) not in known]

@@ -6,11 +6,12 @@ import numpy as np
 from scipy.linalg import null_space
 
 from calib.cameras import MODELS
-from calib.hypotheses.base import Hypothesis, differences
 from calib.hypotheses.words import DEGREES, MM, PERCENT, by, vector, way
+from calib.hypothesis import METRE, Hypothesis, differences
 
 RELATIVE, PIXEL = 1e-6, 1e-4  # steps of the finite differences
 EDGES, RETURNS = ("edge",), ("surface",)
+APART = np.repeat([0.03, np.radians(1.0)], 3)  # m, rad: σ between two views of one instrument
 FEW = 50  # returns of a beam, below which it is not looked at alone
 
 
@@ -21,16 +22,14 @@ def lenses(setup):
         focal, centre = [at["fx"], at["fy"]], [at["cx"], at["cy"]]
 
         def zoomed(view, theta, focal=focal):
-            camera = view.setup.models[view.group.sensor]
-            params = np.array(camera.params)
+            params = np.array(view.model.params)
             params[focal] *= 1 + theta[0]
-            return {"model": replace(camera, params=tuple(params))}
+            return {"model": replace(view.model, params=tuple(params))}
 
         def moved(view, theta, centre=centre):
-            camera = view.setup.models[view.group.sensor]
-            params = np.array(camera.params)
+            params = np.array(view.model.params)
             params[centre] += theta
-            return {"model": replace(camera, params=tuple(params))}
+            return {"model": replace(view.model, params=tuple(params))}
 
         def of_focal(theta, sigma, name=name, fx=camera.params[focal[0]]):
             return (
@@ -60,7 +59,7 @@ def lenses(setup):
 
 def ranges(setup):
     """A constant error of a lidar's ranges, and one in proportion to them."""
-    for name, _ in _sensors(setup, "range_sigma"):
+    for name, lidar in _sensors(setup, "range_sigma"):
 
         def of_bias(theta, sigma, name=name):
             return (
@@ -74,22 +73,32 @@ def ranges(setup):
                 f"{way(theta[0], 'too long', 'too short')}"
             )
 
-        remedy = f"check the ranges of {name} against a wall at a measured distance"
-
         def by_scale(view):
             # Of the expected ranges: noise that stood on both sides would pass for a scale.
             return (view.by_range * (view.assigned.range + view.assigned.value[:, 0]))[None]
 
-        for what, derivative, told in (
-            ("range_bias", lambda view: view.by_range[None], of_bias),
-            ("range_scale", by_scale, of_scale),
-        ):
-            yield Hypothesis(what, name, True, RETURNS, 1, derivative, told, remedy)
+        def longer(lidar, theta, placement):
+            return replace(lidar, range_bias=lidar.range_bias + theta[0])
+
+        remedy = f"check the ranges of {name} against a wall at a measured distance"
+        yield Hypothesis(
+            "range_bias",
+            name,
+            True,
+            RETURNS,
+            1,
+            lambda view: view.by_range[None],
+            of_bias,
+            remedy,
+            np.array([lidar.beam_range_sigma]),
+            longer,
+        )
+        yield Hypothesis("range_scale", name, True, RETURNS, 1, by_scale, of_scale, remedy)
 
 
 def beams(setup):
     """What the ranges of single beams of a lidar are off by beside what all of them are."""
-    for name, _ in _sensors(setup, "range_sigma"):
+    for name, lidar in _sensors(setup, "range_sigma"):
         own = [
             g.keypoints["index"] for g in setup.groups if (g.sensor, g.kind) == (name, "surface")
         ]
@@ -114,34 +123,118 @@ def beams(setup):
                 f"{MM * np.sqrt(np.mean(off**2)):.2g} mm"
             )
 
+        def longer(lidar, theta, placement, rings=rings, basis=basis):
+            offsets = np.zeros(rings.max() + 1)
+            offsets[: len(lidar.range_offsets)] = lidar.range_offsets
+            offsets[rings] += basis @ theta
+            return replace(lidar, range_offsets=tuple(offsets.tolist()))
+
         remedy = f"correct the ranges of {name} beam by beam, or let it warm up before recording"
         size = len(rings) - 1
-        yield Hypothesis("beams", name, True, RETURNS, size, derivative, told, remedy)
+        sigma = np.full(size, lidar.beam_range_sigma)
+        yield Hypothesis(
+            "beams", name, True, RETURNS, size, derivative, told, remedy, sigma, longer
+        )
 
 
 def widths(setup):
-    """The width of a lidar's beams: outlines in its scans are larger all round by an angle."""
-    for name, _ in _sensors(setup, "range_sigma"):
-        if not any(g.sensor == name and g.kind == "edge" for g in setup.groups):
+    """That a lidar's beams see outlines larger all round, by a width and by an angle.
+
+    By how much depends on how far a target is, how bright, and before what: what is estimated is a
+    width of its own for every placement. Outlines then tell directions, and no sizes.
+    """
+    for name, lidar in _sensors(setup, "range_sigma"):
+        own = [g.placement for g in setup.groups if (g.sensor, g.kind) == (name, "edge")]
+        if not own:
             continue
 
-        def derivative(view):
-            middle = view.target.centre[:2]
-            grown = middle + (1 + RELATIVE) * (view.target.vertices - middle)
-            rise = view.changed(target=replace(view.target, vertices=grown))
-            return (np.sign(rise - view.assigned.standard.T) / view.assigned.sigma)[None]
+        def change(view, theta):
+            return {"model": _wider(view.model, theta)}
 
         def told(theta, sigma, name=name):
             return (
-                f"outlines in the scans of {name} are {by(theta[0], sigma[0], DEGREES, '°')} "
-                f"{way(theta[0], 'wider', 'narrower')} all round than its beams should see them"
+                f"outlines in the scans of {name} are seen "
+                f"{by(theta[0], sigma[0], MM, 'mm')} {way(theta[0], 'wider', 'narrower')} all "
+                f"round, and {by(theta[1], sigma[1], DEGREES, '°')} "
+                f"{way(theta[1], 'wider', 'narrower')} besides"
             )
 
         remedy = (
             f"nothing, if the beam of {name} is about twice that wide: both sides of a target err "
             "alike; otherwise measure outline_m"
         )
-        yield Hypothesis("beam_width", name, True, EDGES, 1, derivative, told, remedy)
+        slope = differences(change, [METRE, RELATIVE])
+        apart = _placement_widths(name, np.unique(own), lidar.beam_width_sigma, remedy)
+        yield Hypothesis(
+            "beam_width",
+            name,
+            True,
+            EDGES,
+            2,
+            slope,
+            told,
+            remedy,
+            apart.sigma,
+            apart.mended,
+            apart,
+        )
+
+
+def _placement_widths(name, places, sigma, remedy):
+    """The Hypothesis of a width, m, for each of the places (n,)."""
+
+    def derivative(view):
+        rise = differences(lambda v, t: {"model": _wider(v.model, (t[0], 0.0))}, [METRE])(view)
+        return (places == view.group.placement)[:, None, None] * rise
+
+    def wider(lidar, theta, placement):
+        return _wider(lidar, (float(theta[places == placement].sum()), 0.0))
+
+    def told(theta, sigma):
+        least, most, mean = (f"{MM * v:.1f}" for v in (theta.min(), theta.max(), theta.mean()))
+        return (
+            f"outlines in the scans of {name} are seen {mean} mm wider all round in the mean, "
+            f"{least} to {most} mm in single placements"
+        )
+
+    size = len(places)
+    return Hypothesis(
+        "beam_width", name, True, EDGES, size, derivative, told, remedy, np.full(size, sigma), wider
+    )
+
+
+def _wider(lidar, theta):
+    """The lidar with beams that see outlines so much wider, (m, rad)."""
+    return replace(lidar, beam_width=tuple(np.add(lidar.beam_width, theta).tolist()))
+
+
+def disagreements(setup):
+    """That the outlines in a lidar's scans put it elsewhere than its returns do: something is wrong
+    that has no other name. The returns are believed, for outlines depend on more: how wide a beam
+    is, how much of it must meet a target, and what stands behind."""
+    for name, _ in _sensors(setup, "range_sigma"):
+        if {"edge", "surface"} - {g.kind for g in setup.groups if g.sensor == name}:
+            continue
+
+        def moved(lidar, theta, placement):
+            return replace(lidar, apart=tuple(np.add(lidar.apart, theta).tolist()))
+
+        def change(view, theta, moved=moved):
+            return {"model": moved(view.model, theta, None)}
+
+        def told(theta, sigma, name=name):
+            return (
+                f"outlines in the scans of {name} put it elsewhere than its returns do, along and "
+                f"about its x, y, z by {vector(theta[:3], sigma[:3], MM, 'mm')} and "
+                f"{vector(theta[3:], sigma[3:], DEGREES, '°')}"
+            )
+
+        remedy = (
+            f"find which is wrong, the ranges of {name}, its angles, or the poses of the motion "
+            "capture; show targets nearer and farther, and tilted to all sides"
+        )
+        slope = differences(change, [METRE] * 3 + [RELATIVE] * 3)
+        yield Hypothesis("apart", name, True, EDGES, 6, slope, told, remedy, APART, moved)
 
 
 def _sensors(setup, has):

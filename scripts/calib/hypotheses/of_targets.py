@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.hypotheses.base import METRE, Hypothesis, differences
 from calib.hypotheses.words import DEGREES, MM, PERCENT, TOLD, by, vector, way
+from calib.hypothesis import METRE, Hypothesis, differences
 
 RELATIVE = 1e-6  # step of a finite difference
 CORNERS, EDGES = ("corner",), ("edge",)

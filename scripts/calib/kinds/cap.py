@@ -12,7 +12,7 @@ DATA = ("x", "y", "z", "end", "weight")
 
 def assign(lidar, target, T_sensor_target, keypoints, options, noise):
     """Returns whose beams meet the end that faces the lidar within its rim; off along the beam."""
-    p = keypoints["xyz"]
+    p = lidar.mended(keypoints["xyz"], keypoints["index"])
     ranges, q, beams = in_target(p, T_sensor_target)
     end = -np.sign(beams[:, 0])
     gap, cosine = target.cap_gap(q.T, beams.T, end)

@@ -18,7 +18,7 @@ def assign(lidar, target, T_sensor_target, keypoints, options, noise):
     and with it the cost, when the target turns away, however true. Towards the rim and towards
     grazing a return loses its weight, so that nothing jumps when it comes or goes there.
     """
-    p = keypoints["xyz"]
+    p = lidar.mended(keypoints["xyz"], keypoints["index"])
     ranges, q, beams = in_target(p, T_sensor_target)
     gap, cosine = target.gap(q.T, beams.T)
     trust = taper(cosine - options["min_cosine"], TAPER_COSINE)

@@ -8,6 +8,13 @@ from calib import verdict as judge
 from calib.report import extrinsics, text
 from calib.report.extrinsics import MM
 
+CORRECTED = {  # what was estimated of a sensor besides, by name of the Hypothesis
+    "apart": "returns and outlines",
+    "beam_width": "width of the beams",
+    "beams": "ranges of single beams",
+    "range_bias": "ranges",
+}
+
 
 def largest_sigmas(sensor):
     """Largest σ of the position, m, and of the rotation, deg; None without a pose."""
@@ -95,6 +102,7 @@ def other_unknowns(run):
         intrinsics = json.dumps(s["intrinsics"], sort_keys=True) if s["intrinsics"] else None
         if s["kind"] == "camera":
             rows.append((f"intrinsics of {name}", intrinsics))
+        rows += [(f"{CORRECTED[c['name']]} of {name}", c["text"]) for c in s["corrections"]]
     for name, target in sorted(run.calibration["targets"].items()):
         rows.append((f"alignment of {name} in its MCS body", _alignment(target)))
     for name, session in sorted(run.calibration["sessions"].items()):

@@ -16,7 +16,11 @@ class Hypothesis:
     """name, e.g. squares; of: the target or sensor that it is about, on_sensor says which;
     kinds: of the measurements that depend on it, none for all; size: how many numbers θ;
     derivative(view) -> (size, k, n) of the standardised residuals of a View; told(θ, σ) -> what is
-    wrong, in words and numbers; remedy: what to do about it."""
+    wrong, in words and numbers; remedy: what to do about it.
+
+    Where θ may be estimated along with the poses: sigma (size,) of its prior, and
+    mended(model, θ, placement) -> the sensor's model that knows of it; instead: the Hypothesis that
+    is then estimated, where it has finer numbers than the residuals can ask for."""
 
     name: str
     of: str
@@ -26,6 +30,9 @@ class Hypothesis:
     derivative: Callable = field(repr=False)
     told: Callable = field(repr=False)
     remedy: str
+    sigma: np.ndarray | None = field(default=None, repr=False)
+    mended: Callable | None = field(default=None, repr=False)
+    instead: "Hypothesis | None" = field(default=None, repr=False)
 
     def touches(self, setup, group):
         """Whether residuals of a group may depend on it."""
@@ -37,11 +44,12 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class View:
-    """A group at the optimum: its Assignment, and J (k, 6, n), the derivatives of its standardised
-    residuals by the right perturbation of T_sensor_target."""
+    """A group where the estimate stands: its sensor's model there, its Assignment, and J (k, 6, n),
+    the derivatives of its standardised residuals by the right perturbation of T_sensor_target."""
 
     setup: object
     state: object
+    model: object
     group: object
     assigned: object
     J: np.ndarray
@@ -58,20 +66,19 @@ class View:
     @cached_property
     def by_range(self):
         """Derivative (k, n) by what the measured ranges are too long by, m."""
-        xyz = self.group.keypoints["xyz"]
-        nearer = xyz * (1 - METRE / np.linalg.norm(xyz, axis=1, keepdims=True))
-        moved = self.changed(keypoints=self.group.keypoints | {"xyz": nearer})
+        nearer = replace(self.model, range_bias=self.model.range_bias + METRE)
+        moved = self.changed(model=nearer)
         return (moved - self.assigned.standard.T) / METRE
 
-    def changed(self, model=None, target=None, keypoints=None):
-        """Standardised residuals (k, n) with another model, target or keypoints, in the same σ;
-        a measurement that then belongs elsewhere keeps its residual."""
+    def changed(self, model=None, target=None):
+        """Standardised residuals (k, n) with another model or target, in the same σ; a measurement
+        that then belongs elsewhere keeps its residual."""
         g, setup, state, now = self.group, self.setup, self.state, self.assigned
         found = kinds.KINDS[g.kind].assign(
-            setup.models[g.sensor] if model is None else model,
+            self.model if model is None else model,
             self.target if target is None else target,
             self.T_sensor_target,
-            g.keypoints if keypoints is None else keypoints,
+            g.keypoints,
             setup.associate,
             state.noise[g.sensor, g.kind],
         )

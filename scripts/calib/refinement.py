@@ -1,0 +1,49 @@
+"""What else must be estimated of the sensors, because the residuals ask for it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from calib import estimation, hypotheses, suspicion
+from calib.information import covariance
+
+SURE = 1e-5  # chance of so good an explanation where nothing is wrong, below which it is taken in
+MOST = 4  # times that something is taken in
+NAMES = {"beams": ("beams", "range_bias", "beam_width", "apart")}  # by key of solve.estimate
+
+
+def estimate(setup, T_robot_sensor, wanted, **limits):
+    """(Setup, its Result, its suspicions): as estimation.estimate, and again with the numbers of
+    every accepted Hypothesis that can be estimated and that `wanted` names, until none is new.
+
+    wanted: solve.estimate of the config. Numbers that nothing asks for stay out: where the data
+    tell them badly they would only widen the σ of the poses.
+    """
+    names = [n for key, value in wanted.items() if value == "auto" for n in NAMES.get(key, ())]
+    result = estimation.estimate(setup, T_robot_sensor, **limits)
+    suspected = suspicion.suspicions(setup, result)
+    for _ in range(MOST):
+        known = {(s["name"], s["of"]) for s in suspected if s["chance"] < SURE}
+        found = [h for h in hypotheses.all_of(setup) if h.mended and h.name in names]
+        taken = tuple(h.instead or h for h in found if (h.name, h.of) in known)
+        if not taken:
+            break
+        setup = replace(setup, corrections=setup.corrections + taken)
+        result = estimation.estimate(setup, result.state.T_robot_sensor, **limits)
+        suspected = suspicion.suspicions(setup, result)
+    return setup, result, suspected
+
+
+def corrections(setup, result, sensor):
+    """[{name, text, remedy, estimate, sigma, prior}] of what was estimated of a sensor beside its
+    pose: numbers θ in m, rad, their σ and that of their priors."""
+    spread = np.sqrt(np.diag(covariance(result.solution.information))[setup.chained :])
+    ends = np.cumsum([h.size for h in setup.corrections])[:-1]
+    parts = (np.split(v, ends) for v in (result.state.theta, spread * setup.theta_sigma))
+    out = []
+    for h, theta, sigma in zip(setup.corrections, *parts, strict=False):
+        told = {"name": h.name, "text": h.told(theta, sigma), "remedy": h.remedy}
+        numbers = {"estimate": theta, "sigma": sigma, "prior": h.sigma}
+        if h.of == sensor:
+            out.append(told | {k: v.tolist() for k, v in numbers.items()})
+    return out
