@@ -59,6 +59,11 @@ def setup_of(sessions, mounts, options):
         associate=options["associate"],
         prior={},
         mounts={n: T for n, T in mounts.items() if any(p.target == n for p in places)},
+        alignment={
+            n: rig.pose_sigma(c["alignment_sigma"])
+            for n, c in options["targets"].items()
+            if "alignment_sigma" in c and n not in mounts
+        },
     )
     return setup, start
 
@@ -111,6 +116,8 @@ def main(argv=None):
     logger.info("settled" if result.settled else "not settled")
     for h in setup.corrections:
         logger.info("estimated besides: %s of %s", h.name, h.of)
+    for target in sorted(set(setup.mounts) & set(setup.alignment)):
+        logger.info("estimated besides: T_body_target of %s", target)
     for what in sorted(set(wanted) - set(refinement.NAMES)):
         logger.info("%s: not estimated", what)
 

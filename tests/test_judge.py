@@ -178,3 +178,23 @@ def test_a_sensor_without_a_pose_fails_with_its_own_remedy(clean):
 
 def test_a_value_that_is_no_number_fails():
     assert verdict.level(float("nan"), LIMITS, "sigma_m") == "fail"
+
+
+def moved(shift, prior=0.002):
+    """Findings of a rig whose board was estimated elsewhere than stated, by (6,), m and rad."""
+    made = setup(0, MIXED)
+    told = content(made)
+    told["targets"] = {"board": {"shift": shift, "prior": [prior] * 3 + [0.005] * 3}}
+    return [f for f in verdict.of_rig(told, LIMITS)[1] if f["check"] == "alignment"]
+
+
+def test_a_board_estimated_6_mm_from_where_it_was_stated_to_2_mm_passes():
+    assert moved([0.0059, 0, 0, 0, 0, 0]) == []
+
+
+@pytest.mark.parametrize(("mm", "level"), [(10, "warn"), (25, "fail")])
+def test_a_board_estimated_farther_off_is_named_with_its_shift_and_what_to_write(mm, level):
+    (found,) = moved([0, mm / 1e3, 0, 0, 0, 0.003])
+    assert found["level"] == level
+    assert f"board sits {mm} mm and 0.17° from where T_body_target says" in found["text"]
+    assert "write T_body_target of board" in found["remedy"]

@@ -618,11 +618,14 @@ def test_estimated_unknowns_are_told(files, undrawn):
     files.calibration["targets"]["board"] = {
         "T_body_target": rig.pose_json(geometry.from_rpy([0.006, 0, 0], [0, 0, np.radians(1)])),
         "covariance": np.diag(SIGMA**2).tolist(),
+        "shift": [0.006, 0, 0, 0, 0, np.radians(1)],
+        "prior": (SIGMA * [2, 4, 4, 4, 4, 1.05]).tolist(),
     }
     said = words(files.render())
     assert "time offset of left 25.000 ± 0.2 ms" in said
     assert "alignment of board in its MCS body x 6.0 ± 1.0 mm" in said
-    assert "yaw 1.0000 ± 0.0172 °" in said
+    assert "yaw 1.0000 ± 0.0172 °; σ is 0.25 to 0.95 of its prior" in said
+    assert "nothing tells the turn about z of the target; tilt it to more sides" in said
 
 
 def test_title(files, undrawn):

@@ -41,8 +41,9 @@ class Setup:
 
     models: name -> Camera or rig.Lidar; prior: name -> (T (4, 4), sigma (6,)), for a sensor
     whose pose is known beforehand; mounts: name -> T_body_target (4, 4) to start from, of the
-    targets whose place in their body is estimated too; corrections: Hypothesis objects whose
-    numbers θ are.
+    targets whose place in their body is estimated too; alignment: name -> σ (6,) of where it is
+    said to be, for those that have a say; corrections: Hypothesis objects whose numbers θ are
+    estimated.
 
     The unknowns are twists of the sensors and of those mounts, by name, then the errors of the MCS
     poses of the robot at its rests and of the body in every placement, then θ, both in units of
@@ -56,6 +57,7 @@ class Setup:
     associate: dict
     prior: dict
     mounts: dict = field(default_factory=dict)
+    alignment: dict = field(default_factory=dict)
     corrections: tuple = ()
 
     @cached_property
@@ -183,11 +185,17 @@ def priors(setup, state):
     """Means and weights (n,) of the unknowns, from where they stand now."""
     mean, weight = np.zeros(setup.n), np.ones(setup.n)
     weight[: setup.poses] = 0
-    for i, name in enumerate(sorted(setup.models)):
-        if name in setup.prior:
-            T, sigma = setup.prior[name]
+    known = [
+        (*setup.prior.get(n, (None, 0)), state.T_robot_sensor[n]) for n in sorted(setup.models)
+    ]
+    known += [
+        (setup.mounts[n] if n in setup.alignment else None, setup.alignment.get(n), state.mounts[n])
+        for n in sorted(setup.mounts)
+    ]
+    for i, (T, sigma, now) in enumerate(known):
+        if T is not None:
             at = slice(6 * i, 6 * i + 6)
-            mean[at] = geometry.se3_log(geometry.inverse(T) @ state.T_robot_sensor[name])
+            mean[at] = geometry.se3_log(geometry.inverse(T) @ now)
             weight[at] = 1 / sigma
     return mean, weight
 

@@ -53,6 +53,12 @@ def leave_out(setup, result):
     return [_left(k, own[k], names, P) for k in sorted(own)]
 
 
+def error(setup, result):
+    """RMS, m, of what placements left out say of their targets' positions against the others."""
+    held = [h.error[:3] for left in leave_out(setup, result) for h in left.held.values()]
+    return float(np.sqrt(np.mean(np.square(held)) * 3)) if held else np.inf
+
+
 def _left(k, own, names, P):
     """The Left of placement k, of which [(sensor, problem.Part)] are `own`."""
     columns = np.unique(np.concatenate([p.columns for _, p in own]))

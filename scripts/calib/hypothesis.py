@@ -20,7 +20,8 @@ class Hypothesis:
 
     Where θ may be estimated along with the poses: sigma (size,) of its prior, and
     mended(model, θ, placement) -> the sensor's model that knows of it; instead: the Hypothesis that
-    is then estimated, where it has finer numbers than the residuals can ask for."""
+    is then estimated, where it has finer numbers than the residuals can ask for. Or, where θ is a
+    pose of the chain, joined(setup) -> the Setup in which it is estimated."""
 
     name: str
     of: str
@@ -33,6 +34,15 @@ class Hypothesis:
     sigma: np.ndarray | None = field(default=None, repr=False)
     mended: Callable | None = field(default=None, repr=False)
     instead: "Hypothesis | None" = field(default=None, repr=False)
+    joined: Callable | None = field(default=None, repr=False)
+
+    def estimated(self, setup):
+        """The Setup in which its numbers are estimated, or None where they cannot be."""
+        if self.joined:
+            return self.joined(setup)
+        if not self.mended:
+            return None
+        return replace(setup, corrections=(*setup.corrections, self.instead or self))
 
     def touches(self, setup, group):
         """Whether residuals of a group may depend on it."""

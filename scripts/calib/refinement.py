@@ -1,15 +1,16 @@
-"""What else must be estimated of the sensors, because the residuals ask for it."""
-
-from dataclasses import replace
+"""What else must be estimated, because the residuals ask for it."""
 
 import numpy as np
 
-from calib import estimation, hypotheses, suspicion
+from calib import crossvalidation, estimation, hypotheses, suspicion
 from calib.information import covariance
 
 SURE = 1e-5  # chance of so good an explanation where nothing is wrong, below which it is taken in
 MOST = 4  # times that something is taken in
-NAMES = {"beams": ("beams", "range_bias", "beam_width", "apart")}  # by key of solve.estimate
+NAMES = {  # of hypotheses, by key of solve.estimate
+    "beams": ("beams", "range_bias", "beam_width", "apart"),
+    "target_alignment": ("frame",),
+}
 
 
 def estimate(setup, T_robot_sensor, wanted, **limits):
@@ -17,21 +18,34 @@ def estimate(setup, T_robot_sensor, wanted, **limits):
     every accepted Hypothesis that can be estimated and that `wanted` names, until none is new.
 
     wanted: solve.estimate of the config. Numbers that nothing asks for stay out: where the data
-    tell them badly they would only widen the σ of the poses.
+    tell them badly they would only widen the σ of the poses. A target's place in its body is
+    estimated only where that makes placements left out agree better with the others.
     """
-    names = [n for key, value in wanted.items() if value == "auto" for n in NAMES.get(key, ())]
+    names = {n for key, value in wanted.items() if value == "auto" for n in NAMES.get(key, ())}
     result = estimation.estimate(setup, T_robot_sensor, **limits)
     suspected = suspicion.suspicions(setup, result)
     for _ in range(MOST):
-        known = {(s["name"], s["of"]) for s in suspected if s["chance"] < SURE}
-        found = [h for h in hypotheses.all_of(setup) if h.mended and h.name in names]
-        taken = tuple(h.instead or h for h in found if (h.name, h.of) in known)
-        if not taken:
+        wider = _widened(setup, suspected, names)
+        if wider is setup:
             break
-        setup = replace(setup, corrections=setup.corrections + taken)
-        result = estimation.estimate(setup, result.state.T_robot_sensor, **limits)
+        found = estimation.estimate(wider, result.state.T_robot_sensor, **limits)
+        pairs = (wider, found), (setup, result)
+        errors = [crossvalidation.error(*p) for p in pairs if len(wider.mounts) > len(setup.mounts)]
+        if errors and errors[0] > errors[1]:
+            names -= {"frame"}
+            continue
+        setup, result = wider, found
         suspected = suspicion.suspicions(setup, result)
     return setup, result, suspected
+
+
+def _widened(setup, suspected, names):
+    """The Setup with what is suspected beyond doubt, and may be estimated, among its unknowns."""
+    known = {(s["name"], s["of"]) for s in suspected if s["chance"] < SURE}
+    for h in hypotheses.all_of(setup):
+        if h.name in names and (h.name, h.of) in known:
+            setup = h.estimated(setup) or setup
+    return setup
 
 
 def corrections(setup, result, sensor):

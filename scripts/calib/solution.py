@@ -153,7 +153,10 @@ def tests_of(name, setup, result, left):
 
 
 def targets(setup, result, options):
-    """{name: {T_body_target, covariance} where it was estimated, else None}."""
+    """{name: {T_body_target, covariance, shift, prior} where it was estimated, else None}.
+
+    shift (6,): from where the config puts it; prior (6,): the σ of that; None for unknown mounts.
+    """
     out = dict.fromkeys(sorted(options["targets"]))
     first = 6 * len(setup.models)
     for i, name in enumerate(sorted(setup.mounts)):
@@ -161,6 +164,11 @@ def targets(setup, result, options):
         block = covariance(result.solution.information)[at, at]
         pose = rig.pose_json(result.state.mounts[name])
         out[name] = {"T_body_target": pose, "covariance": block.tolist()}
+        out[name] |= {"shift": None, "prior": None}
+        if name in setup.alignment:
+            off = geometry.inverse(setup.mounts[name]) @ result.state.mounts[name]
+            prior = setup.alignment[name].tolist()
+            out[name] |= {"shift": geometry.se3_log(off).tolist(), "prior": prior}
     return out
 
 

@@ -6,9 +6,9 @@ LEVELS = ("pass", "warn", "fail")
 MM, PERCENT, DEG = 1e3, 100.0, np.degrees(1.0)
 # Checks in order of importance: what is wrong comes before what it does to the numbers.
 CHECKS = (
-    "status", "suspicion", "apart", "tilt_deg", "rejected", "mocap_factor", "noise_factor",
-    "beyond", "whiteness", "heldout", "sigma_m", "sigma_deg", "placements", "correction_sigma",
-    "settled",
+    "status", "suspicion", "apart", "alignment", "tilt_deg", "rejected", "mocap_factor",
+    "noise_factor", "beyond", "whiteness", "heldout", "sigma_m", "sigma_deg", "placements",
+    "correction_sigma", "settled",
 )  # fmt: skip
 # Those that say that measurements and model disagree: more views of the same would not help.
 MISFIT = {
@@ -231,11 +231,31 @@ def _widened(suspected, solution, limits):
     }
 
 
+def of_target(name, target, limits):
+    """Findings on a target whose place in its body was estimated, and had been stated."""
+    if target is None or target["prior"] is None:
+        return []
+    shift, prior = np.array(target["shift"]), np.array(target["prior"])
+    value = float((np.abs(shift) / prior).max())
+    found = level(value, limits, "correction_sigma")
+    if found == "pass":
+        return []
+    limit = limits[f"{found}_correction_sigma"]
+    mm, deg = np.linalg.norm(shift.reshape(2, 3), axis=1) * [MM, DEG]
+    text = (
+        f"{name} sits {mm:.2g} mm and {deg:.2g}° from where T_body_target says, {value:.3g} of its "
+        f"alignment_sigma, {found} above {limit:.3g}; the estimate counts"
+    )
+    remedy = f"write T_body_target of {name} as estimated, or see what else is wrong if it is sure"
+    return [finding("alignment", [], found, text, remedy, value, limit)]
+
+
 def of_rig(solution, limits):
     """(level, findings in order of importance, level per sensor) of a solution.json."""
     sensors = sorted(solution["sensors"].items())
     found = [f for name, sensor in sensors for f in of_sensor(name, sensor, limits)]
     found += [f for s in solution["suspicions"] for f in of_suspicion(s, solution, limits)]
+    found += [f for n, t in sorted(solution["targets"].items()) for f in of_target(n, t, limits)]
     words = "errors of the motion capture's poses over the stated σ"
     found += _measured("", solution["noise"]["mocap_factor"], limits, "mocap_factor", words)
     if solution["ipopt"] is not None and not solution["settled"]:

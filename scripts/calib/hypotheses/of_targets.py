@@ -146,7 +146,19 @@ def frames(setup):
                 f"the target's own x, y, z it is off by {' and '.join(words)}"
             )
 
+        def joined(setup, name=name):
+            T = next(p.T_body_target for p in setup.placements if p.target == name)
+            return replace(setup, mounts=setup.mounts | {name: T})
+
         remedy = f"measure T_body_target of {name} again, or let it be estimated"
         yield Hypothesis(
-            "frame", name, False, (), 6, lambda v: np.swapaxes(v.J, 0, 1), told, remedy
+            "frame",
+            name,
+            False,
+            (),
+            6,
+            lambda v: np.swapaxes(v.J, 0, 1),
+            told,
+            remedy,
+            joined=joined if name in setup.alignment else None,
         )

@@ -8,6 +8,8 @@ from calib import verdict as judge
 from calib.report import extrinsics, text
 from calib.report.extrinsics import MM
 
+AXES = [f"{what} {axis}" for what in ("the place along", "the turn about") for axis in "xyz"]
+LOOSE = 0.9  # of the prior's σ: an alignment that is not better known than that stands as stated
 CORRECTED = {  # what was estimated of a sensor besides, by name of the Hypothesis
     "apart": "returns and outlines",
     "beam_width": "width of the beams",
@@ -116,7 +118,15 @@ def _alignment(target):
         return None
     T = np.array(target["T_body_target"]["matrix"])
     rows = extrinsics.rows(T, target["covariance"], None, None)
-    return ", ".join(f"{r['name']} {r['value']} ± {r['sigma']} {r['unit']}" for r in rows)
+    told = ", ".join(f"{r['name']} {r['value']} ± {r['sigma']} {r['unit']}" for r in rows)
+    if target["prior"] is None:
+        return told
+    ratio = np.sqrt(np.diag(target["covariance"])) / target["prior"]
+    loose = [AXES[i] for i in np.flatnonzero(ratio > LOOSE)]
+    least = f"; σ is {text.number(ratio.min(), 2)} to {text.number(ratio.max(), 2)} of its prior"
+    if not loose:
+        return told + least
+    return f"{told}{least}: nothing tells {', '.join(loose)} of the target; tilt it to more sides"
 
 
 def convergence(run):
