@@ -287,10 +287,10 @@ def test_targets_at_one_rest_of_the_robot_share_the_error_of_its_pose():
     shared = replace(setup, placements=places)
     assert shared.robots.tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
     assert (shared.n, setup.n) == (12 + 6 * (4 + 8), 12 + 6 * 16)
-    T = [chain.T_robot_target(shared, chain.start(shared, TRUE, 1.0))[k] for k in (0, 1)]
+    T = [chain.T_robot_target(shared, chain.start(shared, TRUE, 1.0), k) for k in (0, 1)]
     state = chain.start(shared, TRUE, 1.0)
     state.y[0, 0] = 3.0
-    moved = chain.T_robot_target(shared, state)
+    moved = [chain.T_robot_target(shared, state, k) for k in (0, 1)]
     for k in (0, 1):
         step = moved[k][:3, 3] - T[k][:3, 3]
         assert step == pytest.approx([-3 * MCS_SIGMA[0], 0, 0], abs=1e-12)

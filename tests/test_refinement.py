@@ -146,7 +146,8 @@ def test_residuals_of_the_kernels_are_those_of_the_assignment_with_everything_es
     assigned = estimation.assign_all(made, state)
     given = *chain.unknowns(made, state), chain.chains(made, state), assigned
     slopes = estimation.slopes(made, state, assigned)
-    for a, part in zip(assigned, estimation.build(made).parts(*given, slopes), strict=True):
+    parts = estimation.build(made).parts(*given, slopes, estimation.errors(made, state))
+    for a, part in zip(assigned, parts, strict=True):
         member = a.feature >= 0
         np.testing.assert_allclose(part.r[:, member], a.standard.T[:, member], atol=1e-6)
 

@@ -465,7 +465,8 @@ def solved(points, views, camera, T_robot_sensor, sigma=EXACT, prior=None):
         if prior:
             mean[:6], weight[:6] = prior[0] + shift, prior[1]
         fixed = [np.zeros((0, 2, len(points)))] * len(views)
-        parts = programme.parts(x, scale, poses, assigned, fixed)
+        none = [(None, None)] * len(views)
+        parts = programme.parts(x, scale, poses, assigned, fixed, none)
         found = programme.solve(parts, x, scale, poses, (mean, weight))
         T, shift, x = T @ se3_exp(found.x[:6]), shift + found.x[:6], found.x.copy()
         x[:6] = 0

@@ -1,6 +1,6 @@
 """What is estimated from and what is estimated, and the chain of poses between them; equation 1."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -8,10 +8,13 @@ import numpy as np
 from calib import geometry, noise
 from calib.problem import Poses
 
+CLOCK = "time_offset"  # name of the correction that is a sensor's offset against the MCS
+
 
 @dataclass(frozen=True)
 class Placement:
-    """A still target: mean T_robot_body (4, 4) and the σ (6,) of the two poses it came from.
+    """A still target: mean T_robot_body (4, 4) and the σ (6,) of the two poses it came from; or, of
+    a target in motion, what is known of one view of it (motion.Moving) and T_robot_body there.
 
     rest: number of the robot's rest in the session; targets that are still at the same time share
     it, and with it the error of the robot's pose. None: nobody shares it.
@@ -23,21 +26,25 @@ class Placement:
     T_body_target: np.ndarray
     sigma: np.ndarray
     rest: int | None = None
+    moving: object = None
 
 
 @dataclass(frozen=True)
 class Group:
-    """Keypoints (columns) of one kind by one sensor in one placement."""
+    """Keypoints (columns) of one kind by one sensor in one placement, or in one view of a target in
+    motion."""
 
     sensor: str
     placement: int
     kind: str
     keypoints: dict = field(repr=False)
+    moving: bool = False
 
 
 @dataclass(frozen=True)
 class Setup:
-    """What is being estimated from: sensors and targets by name, placements, groups of keypoints.
+    """What is being estimated from: sensors and targets by name, placements, those in motion after
+    all others, and groups of keypoints.
 
     models: name -> Camera or rig.Lidar; prior: name -> (T (4, 4), sigma (6,)), for a sensor
     whose pose is known beforehand; mounts: name -> T_body_target (4, 4) to start from, of the
@@ -47,7 +54,7 @@ class Setup:
 
     The unknowns are twists of the sensors and of those mounts, by name, then the errors of the MCS
     poses of the robot at its rests and of the body in every placement, then θ, both in units of
-    their σ.
+    their σ. Of a view in motion the error is its own and is eliminated (problem.Part).
     """
 
     models: dict
@@ -64,7 +71,8 @@ class Setup:
     def robots(self):
         """(k,) index of the robot's rest of every placement."""
         own = [
-            (p.session, -1 - i if p.rest is None else p.rest) for i, p in enumerate(self.placements)
+            (p.session, -1 - i if p.rest is None else p.rest)
+            for i, p in enumerate(self.placements[: self.still])
         ]
         numbers = {rest: i for i, rest in enumerate(sorted(set(own)))}
         return np.array([numbers[rest] for rest in own], int)
@@ -72,10 +80,15 @@ class Setup:
     @cached_property
     def sigma(self):
         """(r + k, 6) σ of the MCS poses: of the robot's rests, then of the bodies."""
-        body = np.reshape([p.sigma for p in self.placements], (-1, 6))
+        body = np.reshape([p.sigma for p in self.placements[: self.still]], (-1, 6))
         robot = np.zeros((self.n_robots, 6))
         np.maximum.at(robot, self.robots, body)
         return np.concatenate([robot, body])
+
+    @cached_property
+    def still(self):
+        """How many of the placements are no views in motion."""
+        return sum(p.moving is None for p in self.placements)
 
     @property
     def n_robots(self):
@@ -112,7 +125,8 @@ class Setup:
 @dataclass
 class State:
     """Current estimate: poses by sensor, mounts by target, MCS errors (r + k, 6) in units of σ,
-    Noise by (sensor, kind), factor on the σ of the MCS, numbers θ (p,) of the corrections, SI."""
+    Noise by (sensor, kind), factor on the σ of the MCS, numbers θ (p,) of the corrections, SI, and
+    errors (m, 6) of the poses of views in motion, right perturbations of T_sensor_target."""
 
     T_robot_sensor: dict
     mounts: dict
@@ -120,6 +134,7 @@ class State:
     noise: dict
     mocap: float = 1.0
     theta: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    wander: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
 
 
 def start(setup, T_robot_sensor, factor):
@@ -127,7 +142,8 @@ def start(setup, T_robot_sensor, factor):
     keys = sorted({noise.of(g) for g in setup.groups})
     scales = {key: noise.initial(key[1], factor) for key in keys}
     y, theta = np.zeros_like(setup.sigma), np.zeros_like(setup.theta_sigma)
-    return State(dict(T_robot_sensor), dict(setup.mounts), y, scales, theta=theta)
+    wander = np.zeros((len(setup.placements) - setup.still, 6))
+    return State(dict(T_robot_sensor), dict(setup.mounts), y, scales, theta=theta, wander=wander)
 
 
 def model(setup, state, group):
@@ -140,22 +156,72 @@ def model(setup, state, group):
     return out
 
 
-def T_body_target(setup, state):
-    """(k, 4, 4) of every placement, estimated or as configured."""
-    return np.stack([state.mounts.get(p.target, p.T_body_target) for p in setup.placements])
+def offset(setup, state, sensor):
+    """Time, s, by which a sensor's stamps are earlier than the MCS's, as far as it is estimated."""
+    first = 0
+    for h in setup.corrections:
+        if (h.name, h.of) == (CLOCK, sensor):
+            return float(state.theta[first])
+        first += h.size
+    return 0.0
 
 
-def T_robot_target(setup, state):
-    """(k, 4, 4) of every placement with the current MCS errors; equation 1."""
-    errors = geometry.se3_exp(state.mocap * setup.sigma * state.y)
-    robot, body = errors[setup.robots], errors[setup.n_robots :]
-    measured = np.stack([p.T_robot_body for p in setup.placements])
-    return geometry.inverse(robot) @ measured @ body @ T_body_target(setup, state)
+def fit_of(setup, state, k):
+    """The motion.Fit of view k in motion at its sensor's present offset."""
+    moving = setup.placements[k].moving
+    return moving.at(offset(setup, state, moving.sensor))
+
+
+def T_robot_body(setup, state, k):
+    """T_robot_body (4, 4) of placement k, as measured."""
+    place = setup.placements[k]
+    return place.T_robot_body if place.moving is None else fit_of(setup, state, k).T
+
+
+def T_body_target(setup, state, k):
+    """(4, 4) in placement k, estimated or as configured, with the error of a view in motion."""
+    place = setup.placements[k]
+    T = state.mounts.get(place.target, place.T_body_target)
+    return T if k < setup.still else T @ geometry.se3_exp(state.wander[k - setup.still])
+
+
+def T_robot_target(setup, state, k):
+    """T_robot_target (4, 4) in placement k with the current MCS errors; equation 1."""
+    T = T_robot_body(setup, state, k)
+    if k < setup.still:
+        at = [setup.robots[k], setup.n_robots + k]
+        robot, body = geometry.se3_exp(state.mocap * setup.sigma[at] * state.y[at])
+        T = geometry.inverse(robot) @ T @ body
+    return T @ T_body_target(setup, state, k)
 
 
 def T_sensor_target(setup, state, sensor, k):
     """T_sensor_target (4, 4) of placement k with the current MCS errors; equation 1."""
-    return geometry.inverse(state.T_robot_sensor[sensor]) @ T_robot_target(setup, state)[k]
+    return geometry.inverse(state.T_robot_sensor[sensor]) @ T_robot_target(setup, state, k)
+
+
+def frozen(setup, state, group):
+    """The group, with returns of a target in motion taken to where it was at the view's own t."""
+    moving = setup.placements[group.placement].moving
+    k = group.keypoints
+    if moving is None or not (k["t"] != moving.t).any():
+        return group
+    late, T = offset(setup, state, group.sensor), state.T_robot_sensor[group.sensor]
+    return replace(group, keypoints=k | {"xyz": moving.frozen(k["xyz"], k["t"], late, T)})
+
+
+def spread(setup, state, group):
+    """(6, 6) covariance of the MCS's error in a view in motion, about the right perturbation of
+    T_sensor_target; None of a placement, whose error is among the unknowns."""
+    place = setup.placements[group.placement]
+    if place.moving is None:
+        return None
+    S = np.diag((state.mocap * place.sigma) ** 2)
+    to_body = geometry.adjoint(geometry.inverse(T_robot_body(setup, state, group.placement)))
+    to_target = geometry.adjoint(
+        geometry.inverse(state.mounts.get(place.target, place.T_body_target))
+    )
+    return to_target @ (S + to_body @ S @ to_body.T) @ to_target.T
 
 
 def columns(setup, group):
@@ -165,8 +231,11 @@ def columns(setup, group):
     target = setup.placements[group.placement].target
     starts = [6 * sensors.index(group.sensor)]
     starts += [6 * (len(sensors) + mounts.index(target))] if target in mounts else [None]
-    poses = setup.robots[group.placement], setup.n_robots + group.placement
-    starts += [setup.poses + 6 * i for i in poses]
+    if group.placement < setup.still:
+        poses = setup.robots[group.placement], setup.n_robots + group.placement
+        starts += [setup.poses + 6 * i for i in poses]
+    else:
+        starts += [None, None]
     six = np.arange(6)
     return np.concatenate([np.full(6, setup.chained) if s is None else s + six for s in starts])
 
@@ -176,8 +245,8 @@ def chains(setup, state):
     at = [g.placement for g in setup.groups]
     return Poses(
         np.stack([state.T_robot_sensor[g.sensor] for g in setup.groups]),
-        np.stack([setup.placements[k].T_robot_body for k in at]),
-        T_body_target(setup, state)[at],
+        np.stack([T_robot_body(setup, state, k) for k in at]),
+        np.stack([T_body_target(setup, state, k) for k in at]),
     )
 
 
@@ -207,8 +276,8 @@ def unknowns(setup, state):
     return np.concatenate(x), np.concatenate(scale)
 
 
-def moved(setup, state, x):
-    """The State at unknowns x (n,)."""
+def moved(setup, state, x, wander):
+    """The State at unknowns x (n,) and errors (m, 6) of views in motion."""
     twists = geometry.se3_exp(x[: setup.poses].reshape(-1, 6))
     sensors, mounts = sorted(setup.models), sorted(setup.mounts)
     return State(
@@ -218,4 +287,5 @@ def moved(setup, state, x):
         state.noise,
         state.mocap,
         x[setup.chained :] * setup.theta_sigma,
+        wander,
     )

@@ -49,7 +49,8 @@ def leave_out(setup, result):
     names, P = sorted(setup.models), covariance(result.solution.information)
     own = {}
     for g, part in zip(setup.groups, result.solution.parts, strict=True):
-        own.setdefault(g.placement, []).append((g.sensor, part))
+        if not g.moving:
+            own.setdefault(g.placement, []).append((g.sensor, part))
     return [_left(k, own[k], names, P) for k in sorted(own)]
 
 
@@ -119,7 +120,7 @@ def sigma_by_count(setup, result, sensor, seed=0):
     all placements.
     """
     index = sorted(setup.models).index(sensor)
-    own = sorted({g.placement for g in setup.groups if g.sensor == sensor})
+    own = sorted({g.placement for g in setup.groups if g.sensor == sensor and not g.moving})
     blocks, rows = _reduced(setup, result, own)
     at = np.searchsorted(rows, np.arange(6 * index, 6 * index + 6))
     prior = np.diag((rows >= setup.poses).astype(float))

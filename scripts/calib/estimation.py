@@ -1,10 +1,10 @@
 """Solve, re-estimate the noise, re-associate, and again until nothing moves."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib import chain, geometry, kinds, noise
+from calib import chain, kinds, noise
 from calib.hypothesis import View
 from calib.information import inverse
 from calib.noise import wide
@@ -51,11 +51,10 @@ def assign_first(setup, state):
 
 
 def _assigned(function_of, setup, state):
-    T, out = chain.T_robot_target(setup, state), []
-    T_sensor_robot = {name: geometry.inverse(T) for name, T in state.T_robot_sensor.items()}
-    for g in setup.groups:
+    out = []
+    for g in (chain.frozen(setup, state, g) for g in setup.groups):
         target = setup.targets[setup.placements[g.placement].target]
-        where = T_sensor_robot[g.sensor] @ T[g.placement]
+        where = chain.T_sensor_target(setup, state, g.sensor, g.placement)
         model = chain.model(setup, state, g)
         given = model, target, where, g.keypoints, setup.associate
         out.append(function_of(g.kind)(*given, state.noise[noise.of(g)]))
@@ -82,7 +81,8 @@ def slopes(setup, state, assigned):
     units of their σ."""
     out = []
     for g, a in zip(setup.groups, assigned, strict=True):
-        view = View(setup, state, chain.model(setup, state, g), g, a, None)
+        seen = chain.frozen(setup, state, g)
+        view = View(setup, state, chain.model(setup, state, g), seen, a, None)
         own = [h.derivative(view) for h in setup.corrections if h.touches(setup, g)]
         none = np.zeros((0, *a.value.T.shape))
         scale = setup.theta_sigma[setup.numbers(g)][:, None, None]
@@ -94,7 +94,8 @@ def step(setup, problem, state, assigned):
     """Solve with the members fixed; returns the new State, the Fit and the twists (s, 6)."""
     x, scale = chain.unknowns(setup, state)
     poses, (mean, weight) = chain.chains(setup, state), chain.priors(setup, state)
-    parts = problem.parts(x, scale, poses, assigned, slopes(setup, state, assigned))
+    given = assigned, slopes(setup, state, assigned), errors(setup, state)
+    parts = problem.parts(x, scale, poses, *given)
     found = problem.solve(parts, x, scale, poses, _held(setup, mean, weight))
     offset = weight * (x + mean)
     fit = Fit(
@@ -105,7 +106,27 @@ def step(setup, problem, state, assigned):
         status=found.status,
         success=found.success,
     )
-    return chain.moved(setup, state, found.x), fit, found.x[: 6 * len(setup.models)].reshape(-1, 6)
+    wander = wandered(setup, state, parts, found.x - x)
+    twists = found.x[: 6 * len(setup.models)].reshape(-1, 6)
+    return chain.moved(setup, state, found.x, wander), fit, twists
+
+
+def errors(setup, state):
+    """(spread, error) of every group's problem.Part: of views in motion, else None."""
+    spreads = [chain.spread(setup, state, g) for g in setup.groups]
+    return [
+        (None, None) if s is None else (s, state.wander[g.placement - setup.still])
+        for g, s in zip(setup.groups, spreads, strict=True)
+    ]
+
+
+def wandered(setup, state, parts, step):
+    """(m, 6) errors of the views in motion, the unknowns having moved by step (n,)."""
+    wander = state.wander.copy()
+    for g, part in zip(setup.groups, parts, strict=True):
+        if part.spread is not None:
+            wander[g.placement - setup.still] = part.wander(step[part.columns])
+    return wander
 
 
 def _held(setup, mean, weight):
@@ -123,14 +144,7 @@ def renoised(setup, state, fit, twists, assigned):
     if np.all(twists.reshape(-1) ** 2 < np.diag(posterior)[: twists.size]):
         scales = noise.shared(setup, assigned, scales, absorbed(setup, fit, posterior))
     mocap = mocap_factor(setup, state, posterior)
-    return chain.State(
-        state.T_robot_sensor,
-        state.mounts,
-        state.y * state.mocap / mocap,
-        scales,
-        mocap,
-        state.theta,
-    )
+    return replace(state, y=state.y * state.mocap / mocap, noise=scales, mocap=mocap)
 
 
 def absorbed(setup, fit, posterior):
@@ -148,7 +162,8 @@ def mocap_factor(setup, state, posterior):
     Targets compared by points do not count: what a template's spacing does to a whole placement
     would pass for an error of the MCS.
     """
-    exact = np.array([setup.targets[p.target].points is None for p in setup.placements], bool)
+    still = setup.placements[: setup.still]
+    exact = np.array([setup.targets[p.target].points is None for p in still], bool)
     counts = np.ones(len(setup.sigma), bool)
     counts[setup.robots[~exact]] = False
     counts[setup.n_robots :] = exact
@@ -183,8 +198,9 @@ def estimate(setup, T_robot_sensor, max_rounds, tolerance_m, tolerance_rad, nois
     assigned = _under(setup, assigned, state)
     rounds, settled = [], False
     for number in range(max_rounds):
+        last = state.theta
         state, fit, twists = step(setup, problem, state, assigned)
-        before, after = state, assign_all(setup, state)
+        before, after = replace(state, theta=last), assign_all(setup, state)
         state = renoised(setup, state, fit, twists, after)
         after = _under(setup, after, state)
         moves = np.abs(twists).reshape(-1, 2, 3).max((0, 2))
@@ -204,7 +220,7 @@ def estimate(setup, T_robot_sensor, max_rounds, tolerance_m, tolerance_rad, nois
             and rounds[-1]["changed"] == 0
             and moves[0] < tolerance_m
             and moves[1] < tolerance_rad
-            and _alike(before, state)
+            and _alike(before, state, setup.theta_sigma)
         )
         assigned = after
         if settled:
@@ -217,11 +233,12 @@ def _under(setup, assigned, state):
     return [a.under(state.noise[noise.of(g)]) for g, a in zip(setup.groups, assigned, strict=True)]
 
 
-def _alike(before, after):
-    """Whether the noise of two states is the same to 0.1 %."""
+def _alike(before, after, sigma):
+    """Whether the noise of two states is the same to 0.1 %, and θ to 1e-5 of its prior's sigma."""
     ratios = [after.mocap / before.mocap]
     ratios += [after.noise[key].total / before.noise[key].total for key in before.noise]
     shifts = [
         np.subtract(after.noise[k], before.noise[k]) / before.noise[k].total for k in before.noise
     ]
-    return np.all(np.abs(np.log(ratios)) < 1e-3) and np.all(np.abs(shifts) < 1e-3)
+    same = np.all(np.abs(np.log(ratios)) < 1e-3) and np.all(np.abs(shifts) < 1e-3)
+    return same and np.all(np.abs(after.theta - before.theta) <= 1e-5 * sigma)

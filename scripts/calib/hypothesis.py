@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calib import chain, kinds
+from calib import chain, kinds, noise
 
 METRE = 1e-6  # step of a finite difference
 
@@ -21,7 +21,8 @@ class Hypothesis:
     Where θ may be estimated along with the poses: sigma (size,) of its prior, and
     mended(model, θ, placement) -> the sensor's model that knows of it; instead: the Hypothesis that
     is then estimated, where it has finer numbers than the residuals can ask for. Or, where θ is a
-    pose of the chain, joined(setup) -> the Setup in which it is estimated."""
+    pose of the chain, joined(setup) -> the Setup in which it is estimated. moving: whether it
+    concerns only views in motion."""
 
     name: str
     of: str
@@ -35,6 +36,7 @@ class Hypothesis:
     mended: Callable | None = field(default=None, repr=False)
     instead: "Hypothesis | None" = field(default=None, repr=False)
     joined: Callable | None = field(default=None, repr=False)
+    moving: bool = False
 
     def estimated(self, setup):
         """The Setup in which its numbers are estimated, or None where they cannot be."""
@@ -47,7 +49,7 @@ class Hypothesis:
     def touches(self, setup, group):
         """Whether residuals of a group may depend on it."""
         target = setup.placements[group.placement].target
-        exact = setup.targets[target].points is None
+        exact = setup.targets[target].points is None and (group.moving or not self.moving)
         concerned = not self.kinds or group.kind in self.kinds
         return exact and concerned and self.of == (group.sensor if self.on_sensor else target)
 
@@ -80,17 +82,17 @@ class View:
         moved = self.changed(model=nearer)
         return (moved - self.assigned.standard.T) / METRE
 
-    def changed(self, model=None, target=None):
-        """Standardised residuals (k, n) with another model or target, in the same σ; a measurement
-        that then belongs elsewhere keeps its residual."""
+    def changed(self, model=None, target=None, T_sensor_target=None):
+        """Standardised residuals (k, n) with another model, target or pose, in the same σ; a
+        measurement that then belongs elsewhere keeps its residual."""
         g, setup, state, now = self.group, self.setup, self.state, self.assigned
         found = kinds.KINDS[g.kind].assign(
             self.model if model is None else model,
             self.target if target is None else target,
-            self.T_sensor_target,
+            self.T_sensor_target if T_sensor_target is None else T_sensor_target,
             g.keypoints,
             setup.associate,
-            state.noise[g.sensor, g.kind],
+            state.noise[noise.of(g)],
         )
         same = (found.feature == now.feature)[:, None]
         return replace(now, value=np.where(same, found.value, now.value)).standard.T

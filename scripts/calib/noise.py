@@ -12,6 +12,7 @@ from calib.kinds.assignment import Noise
 MAD_TO_SIGMA = 1.4826
 UNIFORM_MEDIAN = np.sqrt(3) / 2  # of the absolute value over σ, of a uniform error
 WIDE = 3.0  # times what the residuals show at a start that may be off
+IN_MOTION = " in motion"
 SHRINK = 0.3  # a noise falls at most to this share in a round, so that members follow
 
 
@@ -63,8 +64,8 @@ def shared(setup, assigned, noise, absorbed):
 
 
 def of(group):
-    """What noise a group of keypoints has: (sensor, kind)."""
-    return group.sensor, group.kind
+    """What noise a group of keypoints has: (sensor, kind); views in motion have their own."""
+    return group.sensor + (IN_MOTION if group.moving else ""), group.kind
 
 
 def _members(setup, assigned):

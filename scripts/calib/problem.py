@@ -69,6 +69,10 @@ class Part:
     r (k, n), J (k, 6, n), D (q, k, n): residuals, and their derivatives by its right perturbation
     and by those of θ that they depend on, in σ; weight (n,) of each. columns (m,) of the unknowns
     that move it, by A (6, m), and of those of θ, whose columns of A are zero, last.
+
+    Of a view in motion, the error of the MCS is its own: spread (6, 6), its covariance about the
+    right perturbation, and error (6,), where it stands. It is eliminated: all that
+    follows is marginal.
     """
 
     T_sensor_target: np.ndarray
@@ -79,39 +83,81 @@ class Part:
     cost: float
     columns: np.ndarray
     A: np.ndarray
+    spread: np.ndarray | None = None
+    error: np.ndarray | None = None
+
+    def _by_pose(self, D):
+        """(6, p) Σ w Jᵀ D of derivatives D (p, k, n)."""
+        return np.einsum("kin,pkn->ip", self.J * self.weight, D, optimize=True)
+
+    @cached_property
+    def _plain(self):
+        """Information (6, 6) and gradient (6,) by the pose, were it without an error of its own.
+
+        Weights of a robust loss held fixed bound its cost from above: no step overshoots.
+        """
+        H = sum((self.weight * J) @ J.T for J in self.J)
+        return H, sum(J @ (self.weight * r) for r, J in zip(self.r, self.J, strict=True))
+
+    @cached_property
+    def _free(self):
+        """(6, 6) covariance of a view's own error given the rest."""
+        H = self._plain[0]
+        return self.spread @ np.linalg.inv(np.eye(6) + H @ self.spread)
 
     @cached_property
     def gradient(self):
         """(6,), of the cost by the right perturbation of T_sensor_target."""
-        return sum(J @ (self.weight * r) for r, J in zip(self.r, self.J, strict=True))
+        H, g = self._plain
+        if self.spread is None:
+            return g
+        g = g - H @ self.error
+        return g - H @ (self._free @ g)
 
     @cached_property
     def information(self):
-        """(6, 6), likewise: what the measurements tell of it, and Gauss-Newton's Hessian.
-
-        Weights of a robust loss held fixed bound its cost from above: no step overshoots.
-        """
-        return sum((self.weight * J) @ J.T for J in self.J)
+        """(6, 6), likewise: what the measurements tell of it, and Gauss-Newton's Hessian."""
+        H = self._plain[0]
+        return H if self.spread is None else H - H @ self._free @ H
 
     @cached_property
     def coupling(self):
         """(6, q), likewise, between it and those of θ."""
-        return np.einsum("kin,qkn->iq", self.J * self.weight, self.D, optimize=True)
+        C = self._by_pose(self.D)
+        return C if self.spread is None else C - self._plain[0] @ self._free @ C
+
+    @cached_property
+    def of_theta(self):
+        """Hessian (q, q) and gradient (q,) of the cost by those of θ."""
+        K = np.einsum("qkn,pkn->qp", self.D * self.weight, self.D, optimize=True)
+        s = np.einsum("qkn,kn->q", self.D * self.weight, self.r, optimize=True)
+        if self.spread is not None:
+            C, (H, g) = self._by_pose(self.D), self._plain
+            s = s - C.T @ (self.error + self._free @ (g - H @ self.error))
+            K = K - C.T @ self._free @ C
+        return K, s
+
+    def wander(self, step):
+        """(6,): a view's own error at its best, its unknowns having moved by step (m,)."""
+        (H, g), q = self._plain, len(self.D)
+        eta = self.A @ step - self.error
+        delta = step[len(step) - q :]
+        return -self._free @ (H @ eta + g + self._by_pose(self.D) @ delta)
 
     def by_unknowns(self, D):
         """(m, p) Σ w Dᵀ ∂r/∂x of derivatives D (p, k, n) by other numbers, x its own unknowns."""
-        out = self.A.T @ np.einsum("kin,pkn->ip", self.J * self.weight, D, optimize=True)
+        out = self.A.T @ self._by_pose(D)
         own = np.einsum("qkn,pkn->qp", self.D * self.weight, D, optimize=True)
         return np.concatenate([out[: len(out) - len(own)], own])
 
     @cached_property
     def hessian(self):
         """(m, m): information about its own unknowns."""
-        out = self.A.T @ self.information @ self.A
-        q = len(self.D)
+        out, q = self.A.T @ self.information @ self.A, len(self.D)
         if q:
-            across = self.by_unknowns(self.D)
-            out[:, -q:], out[-q:] = across, across.T
+            out[:, -q:] += self.A.T @ self.coupling
+            out[-q:] += self.coupling.T @ self.A
+            out[-q:, -q:] += self.of_theta[0]
         return out
 
     @cached_property
@@ -119,8 +165,7 @@ class Part:
         """(m,): gradient of the cost by its own unknowns."""
         out = self.A.T @ self.gradient
         if len(self.D):
-            own = np.einsum("qkn,kn->q", self.D * self.weight, self.r, optimize=True)
-            out[-len(own) :] = own
+            out[-len(self.D) :] += self.of_theta[1]
         return out
 
 
@@ -161,21 +206,24 @@ class Problem:
         self.cost, self.slopes = (f.map(len(blocks)) for f in expressions.condensed())
         self.solver = self._solver()
 
-    def parts(self, x, scale, poses, assigned, slopes):
+    def parts(self, x, scale, poses, assigned, slopes, errors):
         """A Part for the Assignment of every block, at unknowns x (n,) in units of scale (n,).
 
-        slopes: of every block, derivatives (q, k, n) by its numbers of θ, in units of their scale.
+        slopes: of every block, derivatives (q, k, n) by its numbers of θ, in units of their scale;
+        errors: of every block, (spread, error) of a Part.
         """
         inputs = self._inputs(x, scale, poses)
         T = np.array(self.chain(*inputs)).reshape(3, len(self.blocks), 4).swapaxes(0, 1)
         none = np.zeros((6, len(self.blocks))), np.zeros((6, 6 * len(self.blocks)))
         A = np.array(self.slopes(*inputs, np.hstack(T), *none)[2]).reshape(6, len(self.blocks), 24)
         return [
-            self._part(b, a, T[k], A[:, k], D)
-            for k, (b, a, D) in enumerate(zip(self.blocks, assigned, slopes, strict=True))
+            self._part(b, a, T[k], A[:, k], D, own)
+            for k, (b, a, D, own) in enumerate(
+                zip(self.blocks, assigned, slopes, errors, strict=True)
+            )
         ]
 
-    def _part(self, b, a, T, A, D):
+    def _part(self, b, a, T, A, D, own):
         data = a.data
         n = data.shape[1]
         r, J = self.kernels[b.kind, b.sensor, b.target](T.T.reshape(-1), data)
@@ -188,7 +236,7 @@ class Problem:
         whole = np.vstack([T, [0, 0, 0, 1]])
         r[:, out], J[:, :, out] = 0, 0
         total = cost(a.size[~out], a.share[~out], a.gate)
-        return Part(whole, r, J, np.where(out, 0.0, D), a.weight, total, columns, A)
+        return Part(whole, r, J, np.where(out, 0.0, D), a.weight, total, columns, A, *own)
 
     def solve(self, parts, x, scale, poses, prior):
         """The Solution, from x (n,) in units of scale (n,), of measurements condensed to parts.
@@ -228,8 +276,8 @@ class Problem:
             q = len(b.numbers)
             if q:
                 across[k][:, b.numbers] = part.coupling
-                slope[b.numbers] += part.slope[-q:]
-                curved[np.ix_(b.numbers, b.numbers)] += part.hessian[-q:, -q:]
+                slope[b.numbers] += part.of_theta[1]
+                curved[np.ix_(b.numbers, b.numbers)] += part.of_theta[0]
         return across.reshape(6 * len(parts), self.p), slope, curved
 
     def _solver(self):

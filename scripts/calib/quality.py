@@ -47,9 +47,9 @@ def counts(name, kind, setup, result):
 
 
 def own(name, setup, result):
-    """[(Group, Assignment)] of one sensor."""
+    """[(Group, Assignment)] of one sensor, without views in motion."""
     both = zip(setup.groups, result.assigned, strict=True)
-    return [(g, a) for g, a in both if g.sensor == name]
+    return [(g, a) for g, a in both if g.sensor == name and not g.moving]
 
 
 def left_out(name, setup, result):
@@ -126,7 +126,7 @@ def seen(name, setup, result):
     and how many those are."""
     used = sorted({g.placement for g, a in own(name, setup, result) if (a.feature >= 0).any()})
     shapes = [setup.targets[setup.placements[k].target] for k in used]
-    T = chain.T_robot_target(setup, result.state)[used]
+    T = np.reshape([chain.T_robot_target(setup, result.state, k) for k in used], (-1, 4, 4))
     return observability.axes(shapes, T), len(used)
 
 

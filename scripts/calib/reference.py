@@ -97,7 +97,8 @@ def information(setup, state):
     of the MCS, and of where scan lines leave the targets."""
     assigned = estimation.assign_all(setup, state)
     given = *chain.unknowns(setup, state), chain.chains(setup, state), assigned
-    parts = estimation.build(setup).parts(*given, estimation.slopes(setup, state, assigned))
+    slopes, errors = estimation.slopes(setup, state, assigned), estimation.errors(setup, state)
+    parts = estimation.build(setup).parts(*given, slopes, errors)
     inside, outlines = np.zeros((2, setup.n, setup.n))
     np.fill_diagonal(inside[setup.poses :, setup.poses :], 1.0)
     for g, a, p in zip(setup.groups, assigned, parts, strict=True):

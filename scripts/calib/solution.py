@@ -176,6 +176,8 @@ def noise(setup, result):
     """Re-estimated σ by sensor and kind, SI or px, and the factor on the priors of the MCS."""
     out = {}
     for (sensor, kind), scale in sorted(result.state.noise.items()):
+        if sensor not in setup.models:
+            continue
         sigmas = [
             g.keypoints["sigma"] for g in setup.groups if (g.sensor, g.kind) == (sensor, kind)
         ]
@@ -186,7 +188,8 @@ def noise(setup, result):
 def residuals(setup, result):
     """Columns of residuals.parquet."""
     parts, gate = [], setup.associate["gate_sigma"]
-    for g, a in zip(setup.groups, result.assigned, strict=True):
+    still = [(g, a) for g, a in zip(setup.groups, result.assigned, strict=True) if not g.moving]
+    for g, a in still:
         place = setup.placements[g.placement]
         n = len(a.feature)
         k = g.keypoints

@@ -6,7 +6,7 @@ the others are tried beside it: what then has nothing left to say was another na
 
 import numpy as np
 
-from calib import chain, hypotheses, kinds, normal, scores
+from calib import chain, hypotheses, kinds, noise, normal, scores
 from calib.hypothesis import View
 from calib.observability import ARM
 
@@ -15,7 +15,7 @@ MOST = 6  # explanations accepted one beside the other
 LEAST_NOISE = 1e-4  # of the variance that was estimated
 RIVAL = 0.5  # of the best gain: a hypothesis that explains so much might be meant instead
 SIMPLER = 3.0  # log likelihood by which every further number must explain more to be preferred
-MCS = "mocap"
+MCS, MOTION = "mocap", "motion"
 
 
 def suspicions(setup, result):
@@ -107,7 +107,11 @@ def noises(setup, result, found, columns):
     cluster = normal.together(setup, parts, errors)
     blocks, least, owner = {}, {}, {}
     for g, a, part in zip(setup.groups, result.assigned, parts, strict=True):
-        key, scale = f"{g.sensor}/{g.kind}", result.state.noise[g.sensor, g.kind].total
+        if g.moving:
+            blocks.setdefault(MOTION, []).append(_unquestioned(part, cluster[g.placement]))
+            least[MOTION] = 1.0
+            continue
+        key, scale = f"{g.sensor}/{g.kind}", result.state.noise[noise.of(g)].total
         view = View(setup, result.state, chain.model(setup, result.state, g), g, a, part.J)
         blocks.setdefault(key, []).append(_block(view, part, found, columns, cluster[g.placement]))
         # Where σ is the step of a scan pattern, it is at least that step.
@@ -139,6 +143,14 @@ def _block(view, part, found, columns, cluster):
         float(np.sum(w * r**2)),
         float(np.sum(w)) * len(r),
     )
+
+
+def _unquestioned(part, cluster):
+    """The scores.Block of a view in motion: what it tells of the unknowns, and of no number."""
+    p, none = len(part.columns), np.zeros(0)
+    empty = np.zeros((p, 0)), np.zeros((0, 0))
+    at = none.astype(int)
+    return scores.Block(cluster, part.columns, at, part.hessian, *empty, part.slope, none, 0.0, 0.0)
 
 
 def _prior(column, value, cluster, told):

@@ -1,0 +1,72 @@
+"""A target in motion as one message saw it: poses and speeds between the samples of the MCS."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from calib import geometry
+from calib.mocap import NS
+
+REACH = 4.5  # samples of the MCS to each side of a time, from which pose and speed there are taken
+
+
+class Fit(NamedTuple):
+    """T_robot_body (4, 4) at a time; velocity (6,) and acceleration (6,) of its right twist, per s
+    and per s²; factor: σ of the pose over that of one sample."""
+
+    T: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    factor: float
+
+
+def fit(trajectory, t):
+    """The Fit at t, ns, of a quadratic in the Lie algebra to the samples around it.
+
+    None where they have a gap or end. Tricube weights: samples come and go without weight, so that
+    it is smooth in t.
+    """
+    near = int(np.searchsorted(trajectory.t, t))
+    rows = slice(max(near - 8, 0), near + 8)
+    times, poses = trajectory.t[rows], trajectory.T[rows]
+    if len(times) < 8:
+        return None
+    half = REACH * np.median(np.diff(times))
+    inside = np.abs(times - t) < half
+    times, poses = times[inside], poses[inside]
+    ends = np.diff(np.concatenate([[t - half], times, [t + half]]))
+    if len(times) < 6 or ends.max() > trajectory.max_gap:
+        return None
+    s = (times - t) / NS
+    weight = (1 - np.abs((times - t) / half) ** 3) ** 1.5  # the square root of tricube's
+    H = np.linalg.pinv(weight[:, None] * s[:, None] ** [0, 1, 2]) * weight
+    T = poses[np.abs(s).argmin()]
+    # Again about what was found: velocities are then those of the pose itself.
+    for _ in range(2):
+        shift, velocity, half_acceleration = H @ geometry.se3_log(geometry.inverse(T) @ poses)
+        T = T @ geometry.se3_exp(shift)
+    return Fit(T, velocity, 2 * half_acceleration, float(np.sqrt(np.sum(H[0] ** 2))))
+
+
+@dataclass(frozen=True)
+class Moving:
+    """What a sensor saw at t, ns, of a body of which a Trajectory of T_robot_body is known."""
+
+    sensor: str
+    t: int
+    trajectory: object
+
+    def at(self, offset):
+        """The Fit at t on the clock of the MCS, the sensor's being late by an offset, s. Where the
+        MCS has none, that at t itself."""
+        return fit(self.trajectory, self.t + round(offset * NS)) or fit(self.trajectory, self.t)
+
+    def frozen(self, xyz, t, offset, T_robot_sensor):
+        """Points xyz (n, 3), sensor frame, taken at t (n,), ns, moved along with the body to where
+        it was at the own t."""
+        there, s = self.at(offset), ((t - self.t) / NS)[:, None]
+        xi = s * there.velocity + s**2 / 2 * there.acceleration
+        X = geometry.inverse(T_robot_sensor) @ there.T
+        back = X @ geometry.se3_exp(-xi) @ geometry.inverse(X)
+        return np.einsum("nij,nj->ni", back[:, :3, :3], xyz) + back[:, :3, 3]
