@@ -101,13 +101,15 @@ rule crop:
     """Which frames show a target, and the part of each around it."""
     input:
         placements="results/{rig}/{session}/placements.parquet",
+        mocap="results/{rig}/{session}/mocap.parquet",
         frames="results/{rig}/{session}/frames.parquet",
         guess="results/{rig}/{session}/{sensor}/guess.json",
         audit="results/{rig}/{session}/log.json",
         log=lambda w: ancient(log_files(w)),
         code=code("crop"),
     output:
-        "results/{rig}/{session}/{sensor}/views.parquet",
+        views="results/{rig}/{session}/{sensor}/views.parquet",
+        motion="results/{rig}/{session}/{sensor}/motion.parquet",
     log:
         "results/{rig}/{session}/{sensor}/crop.log",
     conda:
@@ -115,8 +117,9 @@ rule crop:
     params:
         options=crop_options,
     shell:
-        "python {input.code[0]:q} --placements {input.placements:q} --frames {input.frames:q}"
-        " --guess {input.guess:q} --audit {input.audit:q} --output {output:q}"
+        "python {input.code[0]:q} --placements {input.placements:q} --mocap {input.mocap:q}"
+        " --frames {input.frames:q} --guess {input.guess:q} --audit {input.audit:q}"
+        " --output {output.views:q} --motion {output.motion:q}"
         " --options {params.options:q} 2> {log:q}"
 
 
@@ -124,11 +127,14 @@ rule extract:
     """What one sensor saw of the targets."""
     input:
         views="results/{rig}/{session}/{sensor}/views.parquet",
+        motion="results/{rig}/{session}/{sensor}/motion.parquet",
         placements="results/{rig}/{session}/placements.parquet",
+        mocap="results/{rig}/{session}/mocap.parquet",
         guess="results/{rig}/{session}/{sensor}/guess.json",
         code=code("extract"),
     output:
-        "results/{rig}/{session}/{sensor}/keypoints.parquet",
+        keypoints="results/{rig}/{session}/{sensor}/keypoints.parquet",
+        tracked="results/{rig}/{session}/{sensor}/tracked.parquet",
     log:
         "results/{rig}/{session}/{sensor}/extract.log",
     conda:
@@ -136,8 +142,10 @@ rule extract:
     params:
         options=extract_options,
     shell:
-        "python {input.code[0]:q} --views {input.views:q} --placements {input.placements:q}"
-        " --guess {input.guess:q} --output {output:q} --options {params.options:q} 2> {log:q}"
+        "python {input.code[0]:q} --views {input.views:q} --motion {input.motion:q}"
+        " --placements {input.placements:q} --mocap {input.mocap:q} --guess {input.guess:q}"
+        " --output {output.keypoints:q} --tracked {output.tracked:q}"
+        " --options {params.options:q} 2> {log:q}"
 
 
 rule associate:
@@ -165,6 +173,8 @@ rule solve:
     input:
         pairs=of_sessions("results/{rig}/{session}/pairs.parquet"),
         placements=of_sessions("results/{rig}/{session}/placements.parquet"),
+        mocap=of_sessions("results/{rig}/{session}/mocap.parquet"),
+        tracked=of_sensors("results/{rig}/{session}/{sensor}/tracked.parquet"),
         code=code("solve"),
     output:
         solution="results/{rig}/solution.json",
@@ -178,6 +188,7 @@ rule solve:
         options=solve_options,
     shell:
         "python {input.code[0]:q} --pairs {input.pairs:q} --placements {input.placements:q}"
+        " --mocap {input.mocap:q} --tracked {input.tracked:q}"
         " --solution {output.solution:q} --residuals {output.residuals:q}"
         " --iterations {output.iterations:q} --options {params.options:q} 2> {log:q}"
 

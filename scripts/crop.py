@@ -1,9 +1,11 @@
 """Which frames show a target, and the part of each around it, as recorded.
 
-Reads   placements.parquet, frames.parquet, guess.json, log.json, and the log at the kept frames
+Reads   placements.parquet, mocap.parquet, frames.parquet, guess.json, log.json, and the log at the
+        kept frames
 Writes  views.parquet: one row per (frame, target) considered, kept or not, with its reason; for
         the kept all beams in the angular window around the target at any range with their ring
         and time, or the image region as PNG bytes with its offset
+        motion.parquet: likewise of a few frames of targets in motion, for the clocks
 Decides by field of view, stillness and newness of the pose. Windows and limits grow by the
         uncertainty of the guess, so that no later stage depends on where within it the guess lies:
         what is kept is a superset, of which extract takes what is in view from the pose it finds.
@@ -11,7 +13,7 @@ Decides by field of view, stillness and newness of the pose. Windows and limits 
 
 import numpy as np
 
-from calib import cropping, logs, stage, tables, targets
+from calib import cropping, logs, stage, tables, targets, tracking
 from calib.stage import logger
 from calib.status import OK, Status, failed
 
@@ -26,6 +28,26 @@ def read_views(sensor, frames, placements, guess, options):
     message_of = cropping.reader(log, options["sensor"]["topic"], frames)
     where = frames, placements, poses, margin
     return cropping.rows(sensor, shapes, *where, message_of, options["crop"])
+
+
+def read_motion(sensor, frames, poses, guess, options):
+    """Rows of motion.parquet; poses: columns of mocap.parquet."""
+    blocks, log = options["targets"], logs.open_log(options["log"])
+    known = cropping.mounts(blocks, guess)
+    bodies = {n: blocks[n]["body"] for n in known if blocks[n]["method"] == "surface"}
+    paths = tracking.trajectories(poses, options["body"], bodies, options["max_gap_s"])
+    message_of = cropping.reader(log, options["sensor"]["topic"], frames)
+    margin = options["crop"]["margin_sigma"] * np.array(guess["sigma"])
+    rows = []
+    for name, path in paths.items():
+        target = targets.from_config(blocks[name])
+        given = path, frames["t"], known[name], guess, margin, options["crop"]
+        for i, where, wide in tracking.choose(sensor, target, *given):
+            whole = -np.inf, np.inf
+            payload, why = sensor.cut(message_of(i), frames["t"][i], whole, target, where, wide)
+            about = {"t": frames["t"][i], "target": name, "kept": not why, "reason": why}
+            rows.append(about | {"placement": len(rows)} | payload)
+    return rows
 
 
 def held(notes):
@@ -51,10 +73,12 @@ def main(argv=None):
     args = stage.parser(
         __doc__,
         placements="input",
+        mocap="input",
         frames="input",
         guess="input",
         audit="input log.json",
         output="output",
+        motion="output",
         options="slice of the config",
     ).parse_args(argv)
     options, name = args.options, args.options["name"]
@@ -64,15 +88,24 @@ def main(argv=None):
     placements, gated, notes = tables.read(args.placements, tables.PLACEMENTS)
     frames, _, _ = tables.read(args.frames, tables.FRAMES)
     guessed = Status.from_dict(guess["status"])
-    status, rows = gated if guessed.ok else guessed, []
+    status, rows, moving = gated if guessed.ok else guessed, [], []
     if status.ok:
         mine = tables.select(frames, frames["sensor"] == name)
         rows = read_views(sensor, mine, placements, guess, options)
         status = seen(name, rows) if any(s.ok for s in held(notes)) else held(notes)[0]
-    table = {k: [r[k] for r in rows] for k in sensor.schema.names if k != "view"}
-    table["view"] = np.arange(len(rows))
-    tables.write(args.output, sensor.schema, table, status)
+    if status.ok and options["crop"]["max_moving"]:
+        poses, _, _ = tables.read(args.mocap, tables.MOCAP)
+        moving = read_motion(sensor, mine, poses, guess, options)
+    write(args.output, sensor.schema, rows, status)
+    write(args.motion, sensor.schema, moving, status)
     logger.info("%s: kept %d of %d views", name, sum(r["kept"] for r in rows), len(rows))
+    logger.info("%s: %d views of targets in motion", name, sum(r["kept"] for r in moving))
+
+
+def write(path, schema, rows, status):
+    """Rows of views as a table of theirs, numbered."""
+    table = {k: [r[k] for r in rows] for k in schema.names if k != "view"}
+    tables.write(path, schema, table | {"view": np.arange(len(rows))}, status)
 
 
 if __name__ == "__main__":

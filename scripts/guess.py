@@ -136,7 +136,10 @@ def main(argv=None):
             "basis": found.basis,
             "mounts": mounts_json(mounts),
             "frame": audit["sensors"][options["name"]]["frame"],
-            "time_offset_s": None,
+            "time_offset_s": {
+                "value": options["sensor"]["time_offset_s"],
+                "sigma": options["sensor"]["time_offset_sigma_s"],
+            },
         },
     )
     told = f"{source}{': ' if found.basis else ''}{found.basis}" if T is not None else found.status

@@ -16,9 +16,9 @@ def calibration(solution, overall, reasons, levels):
     keep = ("kind", "frame", "status", "guess", "T_robot_sensor", "covariance", "weakest")
     keep += ("placements", "observations", "points", "rejected", "residual", "undetermined")
     keep += ("left_out", "fit", "held_out", "predicted", "corrections")
+    keep += ("time_offset_s", "clock")
     sensors = {
-        name: {k: sensor[k] for k in keep}
-        | {"verdict": levels[name], "time_offset_s": None, "intrinsics": None}
+        name: {k: sensor[k] for k in keep} | {"verdict": levels[name], "intrinsics": None}
         for name, sensor in solution["sensors"].items()
     }
     return {

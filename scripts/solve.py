@@ -1,6 +1,7 @@
 """All sensors, targets and sessions of a rig in one problem.
 
-Reads   pairs.parquet and placements.parquet of all its sessions
+Reads   pairs.parquet, placements.parquet and mocap.parquet of all its sessions, tracked.parquet of
+        all their sensors
 Writes  solution.json       poses, joint covariance, noise, observability, a status per sensor
         residuals.parquet   one row per measurement
         iterations.parquet  one row per round of solving and re-association
@@ -8,9 +9,23 @@ Decides which measurements are members, with the library function that associate
 nothing moves. A sensor that the data cannot place gets no pose, and stops no other.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
-from calib import chain, kinds, placements, refinement, rig, solution, stage, tables, targets
+from calib import (
+    chain,
+    clocks,
+    kinds,
+    placements,
+    refinement,
+    rig,
+    solution,
+    stage,
+    tables,
+    targets,
+    tracking,
+)
 from calib.stage import logger
 from calib.status import Status
 
@@ -68,6 +83,27 @@ def setup_of(sessions, mounts, options):
     return setup, start
 
 
+def with_motion(setup, args, sessions, options):
+    """The Setup with the views of targets in motion, and the clocks that they tell."""
+    places, groups, files = list(setup.placements), list(setup.groups), iter(args.tracked)
+    for session, poses in zip(options["sessions"], args.mocap, strict=True):
+        known = {p.target: p.T_body_target for p in setup.placements if p.session == session}
+        bodies = {n: c["body"] for n, c in options["targets"].items() if n in known}
+        columns, _, _ = tables.read(poses, tables.MOCAP)
+        paths = tracking.trajectories(columns, options["body"], bodies, options["max_gap_s"])
+        for name in options["used"][session]:
+            tracked, _, _ = tables.read(next(files), tables.KEYPOINTS)
+            tracked = tables.select(tracked, np.isin(tracked["target"], list(known)))
+            if name in setup.models and len(tracked["view"]):
+                late = sessions[session][1][name]["guess"]["time_offset_s"]["value"]
+                given = session, name, late, paths, known, options["mocap"], len(places)
+                found = tracking.seen(tracked, *given)
+                places, groups = places + found[0], groups + found[1]
+    seen = sorted({g.sensor for g in groups if g.moving})
+    clock = [clocks.clock(n, options["sensors"][n]["time_offset_sigma_s"]) for n in seen]
+    return replace(setup, placements=places, groups=groups, corrections=tuple(clock))
+
+
 def statuses(sessions, options):
     """Per sensor what came of it before the solve: ok if any session saw it, and its guess."""
     out = {}
@@ -92,6 +128,8 @@ def main(argv=None):
         __doc__,
         pairs="*input, one per session",
         placements="*input, one per session",
+        mocap="*input, one per session",
+        tracked="*input, one per sensor of every session",
         solution="output",
         residuals="output",
         iterations="output",
@@ -100,6 +138,8 @@ def main(argv=None):
     options = args.options
     sessions, mounts = read_sessions(args, options)
     setup, start = setup_of(sessions, mounts, options)
+    if options["solve"]["estimate"]["time_offset"] == "auto" and setup.groups:
+        setup = with_motion(setup, args, sessions, options)
     wanted, most = options["solve"]["estimate"], limits(setup, options["solve"])
     setup, result, suspected = refinement.estimate(setup, start, wanted, **most)
     known = statuses(sessions, options)
@@ -118,8 +158,6 @@ def main(argv=None):
         logger.info("estimated besides: %s of %s", h.name, h.of)
     for target in sorted(set(setup.mounts) & set(setup.alignment)):
         logger.info("estimated besides: T_body_target of %s", target)
-    for what in sorted(set(wanted) - set(refinement.NAMES)):
-        logger.info("%s: not estimated", what)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from calib.targets.cylinder import Cylinder
 from calib.targets.patterns.checkerboard import Checkerboard
 
 CAMERA = Camera("radtan", (800.0, 800.0, 449.5, 349.5, -0.1, 0.02, 0.0005, -0.0003), (900, 700))
+NO_OFFSET = {"time_offset_s": {"value": 0.0, "sigma": 0.05}}
 LIDAR = rig.Lidar(np.radians(0.2), np.radians(2.0), None, None, (0.3, 100.0), 0.01)
 BOARD = Board(
     np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]]),
@@ -215,7 +216,12 @@ def test_one_board_seen_by_a_lidar_leaves_three_directions_open():
 def test_a_sensor_with_an_open_direction_gets_no_pose_and_says_which():
     setup = made(3, [("cylinder", [0, 0, 1])] * 5, range_=0.01)
     result = estimation.estimate(setup, {"lidar": TRUE["lidar"]}, 30, 1e-8, 1e-8, 10.0)
-    guess = {"frame": "lidar", "T_robot_sensor": None, "sigma": [1] * 6, "source": "config"}
+    guess = {
+        "frame": "lidar",
+        "T_robot_sensor": None,
+        "sigma": [1] * 6,
+        "source": "config",
+    } | NO_OFFSET
     options = {
         "rig": "r",
         "sensors": {"lidar": {"kind": "lidar"}},
@@ -233,7 +239,7 @@ def test_the_results_carry_the_covariance_of_the_estimate_in_its_own_order():
     """(tx ty tz rx ry rz) per sensor; the draws above show that this order is the errors'."""
     setup = made(5, MIXED, pixel=0.05, range_=0.01, mcs=1.0)
     result = settled(setup)
-    guess = {"frame": "f", "T_robot_sensor": None, "sigma": [1] * 6, "source": "config"}
+    guess = {"frame": "f", "T_robot_sensor": None, "sigma": [1] * 6, "source": "config"} | NO_OFFSET
     kinds = {"camera": {"kind": "camera"}, "lidar": {"kind": "lidar"}}
     options = {"rig": "r", "sensors": kinds, "targets": {}, "sessions": ["s"]}
     known = {name: (solution.OK, guess) for name in kinds}

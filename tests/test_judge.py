@@ -10,7 +10,8 @@ from calib import config, geometry, solution, suspicion, verdict
 from synthetic import World, outline_scaled, pattern_scaled, setup, solved, zoomed
 
 LIMITS = config.complete("config", {"sessions": {"s": {"rig": "r", "log": "x"}}}, "x")["judge"]
-GUESS = {"frame": "f", "T_robot_sensor": None, "sigma": [1] * 6, "source": "config"}
+NO_OFFSET = {"time_offset_s": {"value": 0.0, "sigma": 0.05}}
+GUESS = {"frame": "f", "T_robot_sensor": None, "sigma": [1] * 6, "source": "config"} | NO_OFFSET
 KINDS = {"camera": {"kind": "camera"}, "lidar": {"kind": "lidar"}}
 OFF = geometry.pose(None, [0.01, 0.0, 0.0])
 MIXED = [("board", None)] * 7 + [("cylinder", None)] * 3
@@ -198,3 +199,12 @@ def test_a_board_estimated_farther_off_is_named_with_its_shift_and_what_to_write
     assert found["level"] == level
     assert f"board sits {mm} mm and 0.17° from where T_body_target says" in found["text"]
     assert "write T_body_target of board" in found["remedy"]
+
+
+@pytest.mark.parametrize(("offset", "level"), [(0.05, []), (0.2, ["warn"]), (-0.6, ["fail"])])
+def test_a_clock_far_from_its_first_guess_is_told_with_what_to_write(clean, offset, level):
+    late = copy.deepcopy(clean)
+    late["sensors"]["lidar"]["time_offset_s"] = {"value": offset, "sigma": 1e-4}
+    found = [f for f in verdict.of_rig(late, LIMITS)[1] if f["check"] == "offset_s"]
+    assert [f["level"] for f in found] == level
+    assert all(f"write sensors.lidar.time_offset_s: {offset:.4f}" in f["remedy"] for f in found)

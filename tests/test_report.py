@@ -247,6 +247,7 @@ def sensor_result(sensor):
             "sigma_rad": [3e-3, 2e-3, 1e-3],
         },
         "time_offset_s": None,
+        "clock": "",
         "intrinsics": None,
     }
 
@@ -615,6 +616,8 @@ def test_unknown_rings_are_not_plotted(files, undrawn):
 
 def test_estimated_unknowns_are_told(files, undrawn):
     files.calibration["sensors"]["left"]["time_offset_s"] = {"value": 0.025, "sigma": 0.0002}
+    files.calibration["sensors"]["left"]["clock"] = "from 25 views of targets in motion"
+    files.calibration["sensors"]["top"]["clock"] = "not observable: no relative motion"
     files.calibration["targets"]["board"] = {
         "T_body_target": rig.pose_json(geometry.from_rpy([0.006, 0, 0], [0, 0, np.radians(1)])),
         "covariance": np.diag(SIGMA**2).tolist(),
@@ -622,7 +625,8 @@ def test_estimated_unknowns_are_told(files, undrawn):
         "prior": (SIGMA * [2, 4, 4, 4, 4, 1.05]).tolist(),
     }
     said = words(files.render())
-    assert "time offset of left 25.000 ± 0.2 ms" in said
+    assert "time offset of left 25.000 ± 0.2 ms, from 25 views of targets in motion" in said
+    assert "time offset of top not observable: no relative motion" in said
     assert "alignment of board in its MCS body x 6.0 ± 1.0 mm" in said
     assert "yaw 1.0000 ± 0.0172 °; σ is 0.25 to 0.95 of its prior" in said
     assert "nothing tells the turn about z of the target; tilt it to more sides" in said

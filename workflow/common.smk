@@ -91,7 +91,7 @@ def gate_options(w):
 def sensor_options(stage, w, **more):
     """The slice of a stage that runs once per sensor."""
     sensor = RIGS[w.rig]["sensors"][w.sensor]
-    return options(**{stage: CONFIG[stage]}, name=w.sensor, sensor=sensor, **more)
+    return options(**({stage: CONFIG[stage], "name": w.sensor, "sensor": sensor} | more))
 
 
 def searched(w):
@@ -121,12 +121,24 @@ def guess_options(w):
 def crop_options(w):
     session = SESSIONS[w.session]
     targets = {t: TARGETS[t] for t in session["targets"]}
-    return sensor_options("crop", w, targets=targets, log=session["log"])
+    crop = CONFIG["crop"] | ({} if clocks_wanted() else {"max_moving": 0})
+    more = {"crop": crop, "body": RIGS[w.rig]["body"], "max_gap_s": max_gap(w)}
+    return sensor_options("crop", w, targets=targets, log=session["log"], **more)
+
+
+def clocks_wanted():
+    """Whether the solve asks for views of targets in motion."""
+    return CONFIG["solve"]["estimate"]["time_offset"] == "auto"
+
+
+def max_gap(w):
+    return RIGS[w.rig]["mocap"]["max_gap_s"]
 
 
 def extract_options(w):
     targets = {t: TARGETS[t] for t in SESSIONS[w.session]["targets"]}
     more = {"associate": CONFIG["associate"], "crop": CONFIG["crop"]}
+    more |= {"body": RIGS[w.rig]["body"], "max_gap_s": max_gap(w)}
     return sensor_options("extract", w, targets=targets, mocap=mocap_noise(w), **more)
 
 
@@ -152,6 +164,9 @@ def solve_options(w):
         sensors={s: rig["sensors"][s] for s in sensors_of(w.rig)},
         targets={t: TARGETS[t] for t in targets_of(w.rig)},
         sessions=sessions_of(w.rig),
+        body=rig["body"],
+        max_gap_s=max_gap(w),
+        used={s: sorted(SESSIONS[s]["sensors"]) for s in sessions_of(w.rig)},
     )
 
 

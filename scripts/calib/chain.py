@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from calib import geometry, noise
+from calib.mocap import NS
 from calib.problem import Poses
 
 CLOCK = "time_offset"  # name of the correction that is a sensor's offset against the MCS
@@ -126,7 +127,8 @@ class Setup:
 class State:
     """Current estimate: poses by sensor, mounts by target, MCS errors (r + k, 6) in units of σ,
     Noise by (sensor, kind), factor on the σ of the MCS, numbers θ (p,) of the corrections, SI, and
-    errors (m, 6) of the poses of views in motion, right perturbations of T_sensor_target."""
+    errors (m, 6) of the poses of views in motion, right perturbations of T_sensor_target, and their
+    motion.Fit at the present offsets."""
 
     T_robot_sensor: dict
     mounts: dict
@@ -135,6 +137,7 @@ class State:
     mocap: float = 1.0
     theta: np.ndarray = field(default_factory=lambda: np.zeros(0))
     wander: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
+    fits: list = field(default_factory=list)
 
 
 def start(setup, T_robot_sensor, factor):
@@ -143,7 +146,8 @@ def start(setup, T_robot_sensor, factor):
     scales = {key: noise.initial(key[1], factor) for key in keys}
     y, theta = np.zeros_like(setup.sigma), np.zeros_like(setup.theta_sigma)
     wander = np.zeros((len(setup.placements) - setup.still, 6))
-    return State(dict(T_robot_sensor), dict(setup.mounts), y, scales, theta=theta, wander=wander)
+    fits = followed(setup, theta)
+    return State(dict(T_robot_sensor), dict(setup.mounts), y, scales, 1.0, theta, wander, fits)
 
 
 def model(setup, state, group):
@@ -156,20 +160,17 @@ def model(setup, state, group):
     return out
 
 
-def offset(setup, state, sensor):
-    """Time, s, by which a sensor's stamps are earlier than the MCS's, as far as it is estimated."""
-    first = 0
-    for h in setup.corrections:
-        if (h.name, h.of) == (CLOCK, sensor):
-            return float(state.theta[first])
-        first += h.size
-    return 0.0
+def followed(setup, theta):
+    """The motion.Fit of every view in motion at its sensor's offset, one of θ (p,)."""
+    firsts = np.cumsum([0] + [h.size for h in setup.corrections])
+    clocks = {h.of: i for h, i in zip(setup.corrections, firsts, strict=False) if h.name == CLOCK}
+    seen = [p.moving for p in setup.placements[setup.still :]]
+    return [m.at(float(theta[clocks[m.sensor]]) if m.sensor in clocks else 0.0) for m in seen]
 
 
 def fit_of(setup, state, k):
-    """The motion.Fit of view k in motion at its sensor's present offset."""
-    moving = setup.placements[k].moving
-    return moving.at(offset(setup, state, moving.sensor))
+    """The motion.Fit of view k in motion."""
+    return state.fits[k - setup.still]
 
 
 def T_robot_body(setup, state, k):
@@ -206,8 +207,9 @@ def frozen(setup, state, group):
     k = group.keypoints
     if moving is None or not (k["t"] != moving.t).any():
         return group
-    late, T = offset(setup, state, group.sensor), state.T_robot_sensor[group.sensor]
-    return replace(group, keypoints=k | {"xyz": moving.frozen(k["xyz"], k["t"], late, T)})
+    there, T = fit_of(setup, state, group.placement), state.T_robot_sensor[group.sensor]
+    xyz = there.frozen(k["xyz"], (k["t"] - moving.t) / NS, T)
+    return replace(group, keypoints=k | {"xyz": xyz})
 
 
 def spread(setup, state, group):
@@ -288,4 +290,5 @@ def moved(setup, state, x, wander):
         state.mocap,
         x[setup.chained :] * setup.theta_sigma,
         wander,
+        followed(setup, x[setup.chained :] * setup.theta_sigma),
     )

@@ -6,8 +6,10 @@ import numpy as np
 
 from calib import chain, geometry
 from calib.hypothesis import Hypothesis
+from calib.information import covariance
 
 SECOND = 1e-6  # step of a finite difference
+KNOWN = 0.3  # of the prior's σ: an offset that is told no better is not told
 
 
 def clock(name, sigma):
@@ -31,3 +33,28 @@ def _by_offset(view):
 
 def _told(name, theta, sigma):
     return f"the stamps of {name} are {1e3 * theta[0]:.2f} ± {1e3 * sigma[0]:.2f} ms early"
+
+
+def told(name, setup, result, guess):
+    """{time_offset_s: {value, sigma} or None, clock: what there is to say of it} of a sensor.
+
+    The value is that against its stamps: the first guess, and what was found beside it.
+    """
+    views = sum(g.moving and g.sensor == name for g in setup.groups)
+    at = [(h.name, h.of) for h in setup.corrections]
+    if not views or (chain.CLOCK, name) not in at or result.solution is None:
+        return {"time_offset_s": None, "clock": "not observable: no relative motion"}
+    index = sum(h.size for h in setup.corrections[: at.index((chain.CLOCK, name))])
+    prior = setup.theta_sigma[index]
+    ratio = np.sqrt(
+        covariance(result.solution.information)[setup.chained + index][setup.chained + index]
+    )
+    if ratio > KNOWN:
+        return {
+            "time_offset_s": None,
+            "clock": f"not observable: {views} views in motion tell it no "
+            f"better than ± {1e3 * ratio * prior:.2g} ms",
+        }
+    value = guess["time_offset_s"]["value"] + result.state.theta[index]
+    found = {"value": float(value), "sigma": float(ratio * prior)}
+    return {"time_offset_s": found, "clock": f"from {views} views of targets in motion"}

@@ -20,6 +20,16 @@ class Fit(NamedTuple):
     acceleration: np.ndarray
     factor: float
 
+    def frozen(self, xyz, after, T_robot_sensor):
+        """Points xyz (n, 3), sensor frame, taken so long after (n,), s, moved along with the body
+        to where it is here."""
+        times, at = np.unique(after, return_inverse=True)
+        s = times[:, None]
+        xi = s * self.velocity + s**2 / 2 * self.acceleration
+        X = geometry.inverse(T_robot_sensor) @ self.T
+        back = (X @ geometry.se3_exp(-xi) @ geometry.inverse(X))[at]
+        return np.einsum("nij,nj->ni", back[:, :3, :3], xyz) + back[:, :3, 3]
+
 
 def fit(trajectory, t):
     """The Fit at t, ns, of a quadratic in the Lie algebra to the samples around it.
@@ -61,12 +71,3 @@ class Moving:
         """The Fit at t on the clock of the MCS, the sensor's being late by an offset, s. Where the
         MCS has none, that at t itself."""
         return fit(self.trajectory, self.t + round(offset * NS)) or fit(self.trajectory, self.t)
-
-    def frozen(self, xyz, t, offset, T_robot_sensor):
-        """Points xyz (n, 3), sensor frame, taken at t (n,), ns, moved along with the body to where
-        it was at the own t."""
-        there, s = self.at(offset), ((t - self.t) / NS)[:, None]
-        xi = s * there.velocity + s**2 / 2 * there.acceleration
-        X = geometry.inverse(T_robot_sensor) @ there.T
-        back = X @ geometry.se3_exp(-xi) @ geometry.inverse(X)
-        return np.einsum("nij,nj->ni", back[:, :3, :3], xyz) + back[:, :3, 3]

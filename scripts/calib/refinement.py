@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib import crossvalidation, estimation, hypotheses, suspicion
+from calib import chain, crossvalidation, estimation, hypotheses, suspicion
 from calib.information import covariance
 
 SURE = 1e-5  # chance of so good an explanation where nothing is wrong, below which it is taken in
@@ -58,6 +58,6 @@ def corrections(setup, result, sensor):
     for h, theta, sigma in zip(setup.corrections, *parts, strict=False):
         told = {"name": h.name, "text": h.told(theta, sigma), "remedy": h.remedy}
         numbers = {"estimate": theta, "sigma": sigma, "prior": h.sigma}
-        if h.of == sensor:
+        if h.of == sensor and h.name != chain.CLOCK:
             out.append(told | {k: v.tolist() for k, v in numbers.items()})
     return out

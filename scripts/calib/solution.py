@@ -7,6 +7,7 @@ import numpy as np
 
 from calib import (
     chain,
+    clocks,
     crossvalidation,
     geometry,
     kinds,
@@ -37,9 +38,10 @@ def as_json(setup, result, suspected, known, options):
             "kind": options["sensors"][name]["kind"],
             "frame": guess["frame"],
             "status": status[name].to_dict(),
-            "guess": {k: guess[k] for k in ("T_robot_sensor", "sigma", "source")},
+            "guess": {k: guess[k] for k in ("T_robot_sensor", "sigma", "source", "time_offset_s")},
             "undetermined": open_directions.get(name, []),
             **pose_of(name, result, solved, joint, guess),
+            **clocks.told(name, setup, result, guess),
             **quality.counts(name, options["sensors"][name]["kind"], setup, result),
             **tests_of(name, setup, result, left if name in solved else []),
         }

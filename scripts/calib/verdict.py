@@ -6,7 +6,7 @@ LEVELS = ("pass", "warn", "fail")
 MM, PERCENT, DEG = 1e3, 100.0, np.degrees(1.0)
 # Checks in order of importance: what is wrong comes before what it does to the numbers.
 CHECKS = (
-    "status", "suspicion", "apart", "alignment", "tilt_deg", "rejected", "mocap_factor",
+    "status", "suspicion", "apart", "alignment", "offset_s", "tilt_deg", "rejected", "mocap_factor",
     "noise_factor", "beyond", "whiteness", "heldout", "sigma_m", "sigma_deg", "placements",
     "correction_sigma", "settled",
 )  # fmt: skip
@@ -105,6 +105,14 @@ def of_sensor(name, sensor, limits):
     if sensor["held_out"]:
         words = "placements left out differ from what the others predict by, in their σ,"
         out += _measured(name, sensor["held_out"]["ratio"], limits, "heldout", words)
+    if sensor["time_offset_s"]:
+        off = abs(sensor["time_offset_s"]["value"] - sensor["guess"]["time_offset_s"]["value"])
+        words = "its stamps and those of the motion capture differ from the first guess by"
+        remedy = (
+            f"write sensors.{name}.time_offset_s: {sensor['time_offset_s']['value']:.4f}, so that "
+            "frames are taken where they belong"
+        )
+        out += _measured(name, off, limits, "offset_s", words, MM, " ms", remedy=remedy)
     if sensor["correction"] is not None:
         words = "differs from the first guess by, in its σ,"
         out += _measured(name, sensor["correction"], limits, "correction_sigma", words)

@@ -4,7 +4,22 @@ One function per kind of sensor: (job, views) -> keypoints (columns), [(view, St
 view, and the working pose T_robot_sensor (4, 4), or None where nothing was found.
 """
 
+import numpy as np
+
+from calib import tables
 from calib.extraction import camera, lidar
 
 SENSORS = {"camera": camera.extract, "lidar": lidar.extract}
+ONE_VIEW = {"camera": camera.parts_of, "lidar": lidar.around}
 NOISE = {"camera": camera.NOISE, "lidar": lidar.NOISE}  # times σ: from how far members still count
+
+
+def at(kind, job, views, T_robot_sensor):
+    """(keypoints, outcomes) of the kept views whose place is known, at a pose of the sensor."""
+    parts, outcomes = [], []
+    for i in np.flatnonzero(views["kept"]):
+        if int(views["placement"][i]) in job.places:
+            found, status = ONE_VIEW[kind](job, views, i, T_robot_sensor)
+            parts += found
+            outcomes.append((int(views["view"][i]), status))
+    return tables.concatenate(parts, tables.KEYPOINTS), outcomes

@@ -32,6 +32,12 @@ def seen(job, views, i, T_robot_sensor):
     return contour(job, views, i, image, T_robot_sensor)
 
 
+def parts_of(job, views, i, T_robot_sensor):
+    """(parts of keypoint columns, status) of one view."""
+    part, status = seen(job, views, i, T_robot_sensor)
+    return [part] if status.ok else [], status
+
+
 def at_pose(job, views, T_robot_sensor, first):
     """(parts of the keypoints, outcomes) of the views that count at a pose of the sensor.
 

@@ -95,12 +95,7 @@ def other_unknowns(run):
     """(name, text or None) of everything beside the poses that could have been estimated."""
     rows = []
     for name, s in run.sensors.items():
-        offset = s["time_offset_s"]
-        if offset:
-            shown = (
-                f"{text.fixed(offset['value'] * MM, 3)} ± {text.number(offset['sigma'] * MM, 2)} ms"
-            )
-        rows.append((f"time offset of {name}", shown if offset else None))
+        rows.append((f"time offset of {name}", _offset(s)))
         intrinsics = json.dumps(s["intrinsics"], sort_keys=True) if s["intrinsics"] else None
         if s["kind"] == "camera":
             rows.append((f"intrinsics of {name}", intrinsics))
@@ -111,6 +106,15 @@ def other_unknowns(run):
         if session:
             rows.append((f"robot markers in {name}", json.dumps(session, sort_keys=True)))
     return rows
+
+
+def _offset(sensor):
+    """A sensor's offset with its σ and where it comes from, or why there is none."""
+    offset, clock = sensor["time_offset_s"], sensor["clock"] or None
+    if not offset:
+        return clock
+    value, sigma = offset["value"] * MM, offset["sigma"] * MM
+    return f"{text.fixed(value, 3)} ± {text.number(sigma, 2)} ms, {clock}"
 
 
 def _alignment(target):
