@@ -74,6 +74,11 @@ def setup_of(sessions, mounts, options):
         associate=options["associate"],
         prior={},
         mounts={n: T for n, T in mounts.items() if any(p.target == n for p in places)},
+        lenses={
+            n: len(options["sensors"][n].get("params", ()))
+            for n in start
+            if options["sensors"][n]["kind"] == "camera"
+        },
         alignment={
             n: rig.pose_sigma(c["alignment_sigma"])
             for n, c in options["targets"].items()

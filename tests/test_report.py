@@ -249,6 +249,7 @@ def sensor_result(sensor):
         "time_offset_s": None,
         "clock": "",
         "intrinsics": None,
+        "lens": "",
     }
 
 

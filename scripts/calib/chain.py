@@ -51,7 +51,7 @@ class Setup:
     whose pose is known beforehand; mounts: name -> T_body_target (4, 4) to start from, of the
     targets whose place in their body is estimated too; alignment: name -> σ (6,) of where it is
     said to be, for those that have a say; corrections: Hypothesis objects whose numbers θ are
-    estimated.
+    estimated; lenses: name -> how many parameters of a camera may be, or why they are not.
 
     The unknowns are twists of the sensors and of those mounts, by name, then the errors of the MCS
     poses of the robot at its rests and of the body in every placement, then θ, both in units of
@@ -67,6 +67,7 @@ class Setup:
     mounts: dict = field(default_factory=dict)
     alignment: dict = field(default_factory=dict)
     corrections: tuple = ()
+    lenses: dict = field(default_factory=dict)
 
     @cached_property
     def robots(self):

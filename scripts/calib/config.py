@@ -14,6 +14,7 @@ import yaml
 from calib.status import InputError
 
 SCHEMAS = Path(__file__).parents[2] / "workflow" / "schemas"
+LOOSE_M, LOOSE_DEG = 0.1, 20  # alignment_sigma of a target from which its mount counts as unknown
 
 
 @cache
@@ -106,8 +107,12 @@ def _named(kind, path):
 
 
 def _target(path):
-    """A target; a template that it names is known by its content, so that a change re-runs."""
+    """A target; a template that it names is known by its content, so that a change re-runs. One
+    whose place in its body is stated so loosely that nothing can be found by it has none."""
     target = _named("target", path)
+    loose = target["alignment_sigma"]
+    if target.get("pattern") and (loose["xyz_m"] > LOOSE_M or loose["rpy_deg"] > LOOSE_DEG):
+        target["mount"] = "unknown"
     template = target["points"].get("template_file")
     if template:
         if not Path(template).is_file():

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib import chain, kinds, noise
+from calib import chain, intrinsics, kinds, noise
 from calib.hypothesis import View
 from calib.information import inverse
 from calib.noise import wide
@@ -94,6 +94,7 @@ def step(setup, problem, state, assigned):
     """Solve with the members fixed; returns the new State, the Fit and the twists (s, 6)."""
     x, scale = chain.unknowns(setup, state)
     poses, (mean, weight) = chain.chains(setup, state), chain.priors(setup, state)
+    problem.with_models(lenses(setup, state))
     given = assigned, slopes(setup, state, assigned), errors(setup, state)
     parts = problem.parts(x, scale, poses, *given)
     found = problem.solve(parts, x, scale, poses, _held(setup, mean, weight))
@@ -109,6 +110,13 @@ def step(setup, problem, state, assigned):
     wander = wandered(setup, state, parts, found.x - x)
     twists = found.x[: 6 * len(setup.models)].reshape(-1, 6)
     return chain.moved(setup, state, found.x, wander), fit, twists
+
+
+def lenses(setup, state):
+    """{sensor: Camera} of those whose parameters are estimated, as they stand."""
+    free = {h.of for h in setup.corrections if h.name == intrinsics.NAME}
+    first = {g.sensor: g for g in reversed(setup.groups) if g.sensor in free}
+    return {name: chain.model(setup, state, g) for name, g in first.items()}
 
 
 def errors(setup, state):

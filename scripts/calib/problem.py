@@ -195,16 +195,21 @@ class Problem:
 
     def __init__(self, models, targets, blocks, chained, p):
         self.blocks, self.chained, self.p = blocks, chained, p
-        self.kernels = {}
-        for key in sorted({(b.kind, b.sensor, b.target) for b in blocks}):
-            kind = kinds.KINDS[key[0]]
-            residual = kind.residual(models[key[1]], targets[key[2]])
-            kernel = expressions.kernel(residual, len(kind.DATA))
-            self.kernels[key] = arrays.over_arrays(kernel)
+        self.kernels, self.targets = {}, targets
+        self.with_models(models)
         self.columns = np.stack([b.columns for b in blocks])
         self.chain = expressions.chain().map(len(blocks))
         self.cost, self.slopes = (f.map(len(blocks)) for f in expressions.condensed())
         self.solver = self._solver()
+
+    def with_models(self, models):
+        """Residuals by those models from now on; name -> Camera or rig.Lidar."""
+        for key in sorted({(b.kind, b.sensor, b.target) for b in self.blocks}):
+            if key[1] in models:
+                kind = kinds.KINDS[key[0]]
+                residual = kind.residual(models[key[1]], self.targets[key[2]])
+                kernel = expressions.kernel(residual, len(kind.DATA))
+                self.kernels[key] = arrays.over_arrays(kernel)
 
     def parts(self, x, scale, poses, assigned, slopes, errors):
         """A Part for the Assignment of every block, at unknowns x (n,) in units of scale (n,).

@@ -1,8 +1,10 @@
 """What else must be estimated, because the residuals ask for it."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from calib import chain, crossvalidation, estimation, hypotheses, suspicion
+from calib import chain, crossvalidation, estimation, hypotheses, intrinsics, suspicion
 from calib.information import covariance
 
 SURE = 1e-5  # chance of so good an explanation where nothing is wrong, below which it is taken in
@@ -21,8 +23,14 @@ def estimate(setup, T_robot_sensor, wanted, **limits):
     tell them badly they would only widen the σ of the poses. A target's place in its body is
     estimated only where that makes placements left out agree better with the others.
     """
+    setup = _from_the_start(setup, wanted)
     names = {n for key, value in wanted.items() if value == "auto" for n in NAMES.get(key, ())}
     result = estimation.estimate(setup, T_robot_sensor, **limits)
+    refused = intrinsics.refused(setup, result) if result.solution else {}
+    if refused:
+        kept = [h for h in setup.corrections if h.name != intrinsics.NAME or h.of not in refused]
+        setup = replace(setup, corrections=tuple(kept), lenses=setup.lenses | refused)
+        result = estimation.estimate(setup, T_robot_sensor, **limits)
     suspected = suspicion.suspicions(setup, result)
     for _ in range(MOST):
         wider = _widened(setup, suspected, names)
@@ -37,6 +45,21 @@ def estimate(setup, T_robot_sensor, wanted, **limits):
         setup, result = wider, found
         suspected = suspicion.suspicions(setup, result)
     return setup, result, suspected
+
+
+def _from_the_start(setup, wanted):
+    """The Setup with what is to be estimated whatever the residuals say."""
+    if wanted.get("target_alignment") is True:
+        first = {p.target: p.T_body_target for p in reversed(setup.placements)}
+        named = {n: T for n, T in first.items() if n in setup.alignment}
+        setup = replace(setup, mounts=named | setup.mounts)
+    if wanted.get("intrinsics") is True:
+        lenses = [
+            intrinsics.lens(n, setup.models[n], int(count))
+            for n, count in sorted(setup.lenses.items())
+        ]
+        setup = replace(setup, corrections=(*setup.corrections, *lenses), lenses={})
+    return setup
 
 
 def _widened(setup, suspected, names):
@@ -58,6 +81,6 @@ def corrections(setup, result, sensor):
     for h, theta, sigma in zip(setup.corrections, *parts, strict=False):
         told = {"name": h.name, "text": h.told(theta, sigma), "remedy": h.remedy}
         numbers = {"estimate": theta, "sigma": sigma, "prior": h.sigma}
-        if h.of == sensor and h.name != chain.CLOCK:
+        if h.of == sensor and h.name not in (chain.CLOCK, intrinsics.NAME):
             out.append(told | {k: v.tolist() for k, v in numbers.items()})
     return out

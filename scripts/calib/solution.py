@@ -10,6 +10,7 @@ from calib import (
     clocks,
     crossvalidation,
     geometry,
+    intrinsics,
     kinds,
     observability,
     quality,
@@ -41,6 +42,7 @@ def as_json(setup, result, suspected, known, options):
             "guess": {k: guess[k] for k in ("T_robot_sensor", "sigma", "source", "time_offset_s")},
             "undetermined": open_directions.get(name, []),
             **pose_of(name, result, solved, joint, guess),
+            **lens_of(name, setup, result),
             **clocks.told(name, setup, result, guess),
             **quality.counts(name, options["sensors"][name]["kind"], setup, result),
             **tests_of(name, setup, result, left if name in solved else []),
@@ -95,6 +97,18 @@ def advice(name, setup, result):
     """Which views would tell more of a sensor's pose (observability.advice)."""
     lidar = isinstance(setup.models[name], rig.Lidar)
     return observability.advice(*quality.seen(name, setup, result), lidar)
+
+
+def lens_of(name, setup, result):
+    """{intrinsics: {model, params, sigma} or None, lens: why not} of one sensor."""
+    found = intrinsics.estimated(setup, result, name) if result.solution else None
+    why = setup.lenses.get(name)
+    if found is None:
+        return {"intrinsics": None, "lens": why if isinstance(why, str) else ""}
+    params, sigma, _ = found
+    model = setup.models[name].model
+    told = {"model": model, "params": params.tolist(), "sigma": sigma.tolist()}
+    return {"intrinsics": told, "lens": ""}
 
 
 def joint_covariance(setup, result, solved):

@@ -56,7 +56,7 @@ def hidden_from_camera(camera, target, T_sensor_target, margin, options):
         return reason
     turn = spread(margin, np.linalg.norm(points.mean(0)))
     uv, valid, inside = _in_image(camera, points, turn)
-    if not inside.all():
+    if inside.mean() < (target.pattern.share if target.pattern else 1.0):
         return "outside the image" if valid.all() else "outside what the lens sees"
     if not valid.all():
         return ""

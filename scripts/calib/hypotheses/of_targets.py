@@ -25,11 +25,7 @@ def squares(setup):
     for name, target in _targets(setup, "pattern"):
 
         def change(view, theta):
-            pattern = view.target.pattern
-            middle = pattern.corners()[:, :2].mean(0)
-            first = middle + (1 + theta[0]) * (np.asarray(pattern.first) - middle)
-            size = pattern.square * (1 + theta[0])
-            grown = replace(pattern, square=size, first=tuple(first))
+            grown = view.target.pattern.scaled(1 + theta[0])
             return {"target": replace(view.target, pattern=grown)}
 
         def told(theta, sigma, name=name, square=target.pattern.square):

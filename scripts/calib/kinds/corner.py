@@ -43,6 +43,8 @@ def assign(camera, target, T_sensor_target, keypoints, options, noise):
 def _labelling(pattern, predicted, keypoints, rows):
     """Corner of each row of one view, or -1 for all when two labellings fit nearly alike."""
     options = pattern.labellings()[:, keypoints["index"][rows]]
+    if len(options) == 1:
+        return options[0]
     away = keypoints["uv"][rows] - predicted[options]
     away -= away.mean(1, keepdims=True)
     misfit = np.sqrt((away**2).sum(-1).mean(-1))

@@ -11,24 +11,24 @@ GRAZING = 1e-4  # cosine of incidence below which a beam is taken to run along t
 
 @dataclass(frozen=True)
 class Board:
-    """vertices (n, 2), m, of the outline; thickness, m; pattern or None; points or None."""
+    """vertices (n, 2), m, of the outline, and whether that is stated; thickness, m; pattern or
+    None; points or None."""
 
     vertices: np.ndarray
     thickness: float
     pattern: object
     points: object = None
+    stated: bool = True
 
     name = "board"
     color = None
 
     @classmethod
     def from_config(cls, config):
-        pattern = config.get("pattern")
-        return cls(
-            np.asarray(config["outline_m"], float),
-            config["thickness_m"],
-            patterns.from_config(pattern) if pattern else None,
-        )
+        pattern = patterns.from_config(config["pattern"]) if config.get("pattern") else None
+        stated = "outline_m" in config
+        vertices = np.asarray(config["outline_m"], float) if stated else pattern.outline
+        return cls(vertices, config["thickness_m"], pattern, stated=stated)
 
     @property
     def centre(self):
@@ -85,6 +85,8 @@ class Board:
         return np.column_stack([flat, np.zeros(len(flat))])
 
     def edges(self):
+        if not self.stated:
+            return np.zeros((0, 2, 3))
         a = self.outline_points()
         return np.stack([a, np.roll(a, -1, 0)], 1)
 

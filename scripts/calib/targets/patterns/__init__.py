@@ -7,14 +7,16 @@ A pattern is one module with a frozen dataclass that has
                           to about a third of a pixel;
   locate(grey, camera, offset)   (Corners, Status): thorough, checked, each corner with its error;
   labellings()            (m, n) every way in which the detector's order can stand for corners;
-  expected                in words, what a detection must find.
+  expected                in words, what a detection must find;
+  share                   of its corners that must be in an image;
+  scaled(factor)          the pattern so much larger about its own middle.
 
 To add a pattern: write calib/targets/patterns/<kind>.py and add it to PATTERNS.
 """
 
-from calib.targets.patterns import checkerboard
+from calib.targets.patterns import charuco, checkerboard
 
-PATTERNS = {"checkerboard": checkerboard.Checkerboard}
+PATTERNS = {"checkerboard": checkerboard.Checkerboard, "charuco": charuco.Charuco}
 
 
 def from_config(config):

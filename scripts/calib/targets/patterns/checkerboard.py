@@ -1,6 +1,6 @@
 """A printed checkerboard: inner corners in rows along +x, rows along +y, in the plane z = 0."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,7 +31,7 @@ class Checkerboard:
     first: tuple
     first_square: str | None = None
 
-    name = "checkerboard"
+    name, share = "checkerboard", 1.0
 
     @classmethod
     def from_config(cls, config):
@@ -49,6 +49,11 @@ class Checkerboard:
         y = self.first[1] + self.square * np.arange(self.rows)
         grid = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
         return np.column_stack([grid, np.zeros(len(grid))])
+
+    def scaled(self, factor):
+        middle = self.corners()[:, :2].mean(0)
+        first = middle + factor * (np.asarray(self.first) - middle)
+        return replace(self, square=self.square * factor, first=tuple(first))
 
     def labellings(self):
         """(m, n) indices into corners(): each row a way to number a detected grid.
@@ -142,7 +147,7 @@ class Checkerboard:
         sides = plane.sides(cells)
         fit = edge_model.refine(region, _near(plane, cells, uv.reshape(-1, 2), sides), *sides)
         fit = lopsided.corrected(region, fit, *sides)
-        good = _uncovered(region, cells, fit)
+        good = uncovered(region, cells, fit)
         n, kept = len(good), int(good.sum())
         if kept < FEWEST * n:
             return None, f"{kept} of {n} corners that are clear"
@@ -160,7 +165,7 @@ def _near(plane, cells, uv, sides):
     return np.where((away < NEAR * spacing)[:, None], uv, predicted)
 
 
-def _uncovered(region, cells, fit):
+def uncovered(region, cells, fit):
     """Which corners (n,) are like the rest: settled, of the right colours, with no more residual
     than most, and on one plane with them."""
     parity = (-1.0) ** cells.sum(1)

@@ -1,0 +1,124 @@
+"""ChArUco boards: corners by their ids, whole or in part, as a camera sees them."""
+
+import cv2
+import numpy as np
+import pytest
+
+from calib import config, geometry, images, targets
+from calib.cameras import Camera
+from calib.status import InputError
+from calib.targets.patterns.charuco import Charuco
+
+PATTERN = Charuco((5, 7), 0.06, 0.045, "DICT_6X6_250")
+CAMERA = Camera("radtan", (900.0, 900.0, 449.5, 349.5, -0.1, 0.02, 0.0005, -0.0003), (900, 700))
+POSE = geometry.pose(
+    geometry.so3_exp([0.3, -0.2, 0.1]) @ np.diag([1.0, -1, -1]), [0.02, -0.01, 0.8]
+)
+COVERED = 400  # columns
+BLOCK = {
+    "body": "b",
+    "shape": "board",
+    "pattern": {
+        "kind": "charuco",
+        "squares": [5, 7],
+        "square_m": 0.06,
+        "marker_m": 0.045,
+        "dictionary": "DICT_6X6_250",
+    },
+}
+
+
+def photograph(T_camera_board, blur=0.7, noise=1.8, seed=0):
+    """A grey image (h, w) uint8 of the board before a grey wall, 4 rays a pixel each way."""
+    px = 40  # of the print, per square
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
+    board = cv2.aruco.CharucoBoard(PATTERN.squares, PATTERN.square, PATTERN.marker, dictionary)
+    printed = board.generateImage((5 * px, 7 * px), marginSize=0)
+    width, height = CAMERA.size
+    fine = (np.arange(4 * max(CAMERA.size)) + 0.5) / 4 - 0.5
+    uv = np.stack(np.meshgrid(fine[: 4 * width], fine[: 4 * height]), -1).reshape(-1, 2)
+    T = geometry.inverse(T_camera_board)
+    rays, _ = CAMERA.unproject(uv)
+    rays = rays @ T[:3, :3].T
+    hit = T[:3, 3] - rays * (T[2, 3] / rays[:, 2])[:, None]
+    column = np.floor((hit[:, 0] / PATTERN.square + 2.5) * px).astype(int)
+    row = np.floor((3.5 - hit[:, 1] / PATTERN.square) * px).astype(int)
+    inside = (column >= 0) & (column < 5 * px) & (row >= 0) & (row < 7 * px)
+    grey = np.full(len(uv), 120.0)
+    grey[inside] = 40 + 160 / 255 * printed[row[inside], column[inside]]
+    image = cv2.GaussianBlur(grey.reshape(height, 4, width, 4).mean((1, 3)), (0, 0), blur)
+    image += noise * np.random.default_rng(seed).normal(size=image.shape)
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def test_every_corner_is_found_by_its_own_number_to_a_thirtieth_of_a_pixel():
+    """Quadrature of 4 × 4 rays and the cells of the print make up most of the error."""
+    found, status = PATTERN.locate(photograph(POSE), CAMERA, np.zeros(2))
+    assert status.ok and sorted(found.index) == list(range(24))
+    true, _ = CAMERA.project(geometry.transform(POSE, PATTERN.corners()))
+    off = found.uv - true[found.index]
+    assert np.sqrt(np.mean(off**2)) < 0.035
+
+
+def test_a_part_of_the_board_tells_which_part_it_is():
+    image = photograph(POSE)
+    image[:, :COVERED] = 120
+    found, status = PATTERN.locate(image, CAMERA, np.zeros(2))
+    assert 6 <= len(found.index) < 24 and "corners not seen" in status.reason
+    true, _ = CAMERA.project(geometry.transform(POSE, PATTERN.corners()))
+    assert np.abs(found.uv - true[found.index]).max() < 0.2
+
+
+def test_a_region_of_the_image_gives_pixels_of_the_whole():
+    image, offset = photograph(POSE), np.array([180, 90])
+    whole, _ = PATTERN.locate(image, CAMERA, np.zeros(2))
+    part, _ = PATTERN.locate(image[90:, 180:], CAMERA, offset)
+    both = np.isin(whole.index, part.index)
+    np.testing.assert_allclose(
+        part.uv[np.argsort(part.index)], whole.uv[both][np.argsort(whole.index[both])], atol=0.01
+    )
+
+
+def test_an_image_without_the_board_says_what_was_expected():
+    found, status = PATTERN.locate(np.full((200, 300), 120, np.uint8), CAMERA, np.zeros(2))
+    assert found is None and not status.ok
+    assert "0 corners" in status.found and "6 or more of 24 inner corners" in status.expected
+
+
+def test_rows_run_upwards_and_columns_to_the_right_about_the_middle():
+    corners = PATTERN.corners().reshape(6, 4, 3)
+    np.testing.assert_allclose(corners[0, 0], [-0.09, -0.15, 0])
+    np.testing.assert_allclose(corners[0, 1] - corners[0, 0], [0.06, 0, 0])
+    np.testing.assert_allclose(corners[1, 0] - corners[0, 0], [0, 0.06, 0], atol=1e-12)
+    np.testing.assert_allclose(corners.mean((0, 1)), 0, atol=1e-12)
+
+
+def test_its_outline_is_that_of_the_print_unless_stated_and_gives_no_lidar_an_edge():
+    block = config.complete("target", BLOCK, "x")
+    board = targets.from_config(block)
+    np.testing.assert_allclose(np.abs(board.vertices), [[0.15, 0.21]] * 4)
+    assert len(board.edges()) == 0
+    stated = BLOCK | {"outline_m": [[0.2, 0.3], [-0.2, 0.3], [-0.2, -0.3], [0.2, -0.3]]}
+    assert len(targets.from_config(config.complete("target", stated, "x")).edges()) == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"dictionary": "6x6"}, "no name"), ({"squares": [5]}, "squares"), ({"kind": "qr"}, "kind")],
+)
+def test_a_wrong_pattern_is_refused_with_its_key(change, message):
+    with pytest.raises(InputError, match=message):
+        config.complete("target", BLOCK | {"pattern": BLOCK["pattern"] | change}, "x")
+
+
+def test_a_checkerboard_still_needs_an_outline():
+    pattern = {"kind": "checkerboard", "inner_corners": [6, 5], "square_m": 0.1}
+    block = {"body": "b", "shape": "board", "pattern": pattern | {"first_corner_m": [0, 0]}}
+    with pytest.raises(InputError, match="missing key outline_m"):
+        config.complete("target", block, "x")
+
+
+def test_colour_images_are_read_alike():
+    grey = photograph(POSE)
+    again = images.grey(np.repeat(grey[..., None], 3, -1))
+    np.testing.assert_array_equal(again, grey)
