@@ -32,6 +32,7 @@ def calibration(solution, overall, reasons, levels):
         "suspicions": solution["suspicions"],
         "influences": solution["influences"],
         "targets": solution["targets"],
+        "repeatability": solution["repeatability"],
         "sessions": dict.fromkeys(solution["provenance"]["sessions"]),
         "noise": solution["noise"],
         "provenance": solution["provenance"],

@@ -46,6 +46,7 @@ def content(run):
         "between": extrinsics.between(run),
         "by_count": evidence_figures.sigma_by_count(run),
         "suspicions": evidence.suspicions(run),
+        "by_session": evidence.sessions(run),
         "held_out": evidence.held_out(run),
         "unknowns": summary.other_unknowns(run),
         "sessions": [session(run, name) for name in run.sessions],

@@ -26,6 +26,7 @@ from calib import (
     targets,
     tracking,
 )
+from calib.sessions import repeatability
 from calib.stage import logger
 from calib.status import Status
 
@@ -148,7 +149,9 @@ def main(argv=None):
     wanted, most = options["solve"]["estimate"], limits(setup, options["solve"])
     setup, result, suspected = refinement.estimate(setup, start, wanted, **most)
     known = statuses(sessions, options)
-    stage.write_json(args.solution, solution.as_json(setup, result, suspected, known, options))
+    content = solution.as_json(setup, result, suspected, known, options)
+    content["repeatability"] = repeatability(setup, result, **most)
+    stage.write_json(args.solution, content)
     tables.write(args.residuals, tables.RESIDUALS, solution.residuals(setup, result))
     rounds = {k: [r[k] for r in result.rounds] for k in tables.ITERATIONS.names}
     tables.write(args.iterations, tables.ITERATIONS, rounds)

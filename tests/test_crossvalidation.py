@@ -10,11 +10,11 @@ from calib import (
     estimation,
     geometry,
     observability,
-    problem,
     quality,
     solution,
 )
 from calib.information import covariance
+from calib.parts import information
 from synthetic import setup, solved
 
 MIXED = [("board", None)] * 7 + [("cylinder", None)] * 3
@@ -107,7 +107,7 @@ def test_the_predicted_sigma_is_that_of_a_log_with_so_few_placements(made):
     for first in range(4):
         few = range(first, first + 4)
         both = zip(clean.groups, result.solution.parts, strict=True)
-        P = covariance(problem.information([p for g, p in both if g.placement in few], weight))
+        P = covariance(information([p for g, p in both if g.placement in few], weight))
         sigmas.append(np.sqrt(np.diag(P)[:3].max()))
     assert min(sigmas) / 1.3 < four < max(sigmas) * 1.3
 

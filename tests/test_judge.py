@@ -25,7 +25,8 @@ def content(made):
     known = {name: (solution.OK, GUESS) for name in sensors}
     result = solved(made)
     suspected = suspicion.suspicions(made, result)
-    return solution.as_json(made, result, suspected, known, options)
+    told = solution.as_json(made, result, suspected, known, options)
+    return told | {"repeatability": []}
 
 
 def judged(made):
@@ -208,3 +209,24 @@ def test_a_clock_far_from_its_first_guess_is_told_with_what_to_write(clean, offs
     found = [f for f in verdict.of_rig(late, LIMITS)[1] if f["check"] == "offset_s"]
     assert [f["level"] for f in found] == level
     assert all(f"write sensors.lidar.time_offset_s: {offset:.4f}" in f["remedy"] for f in found)
+
+
+@pytest.mark.parametrize(("mm", "level"), [(0.1, []), (3.0, ["warn"]), (30.0, ["fail"])])
+def test_a_sensor_that_moved_between_sessions_is_called_by_name(clean, mm, level):
+    told = copy.deepcopy(clean)
+    row = {"sensor": "camera", "sigma": [1e-5] * 6, "others": 1, "chance": 1e-30}
+    told["repeatability"] = [
+        row | {"session": s, "shift": [sign * mm / 1e3, 0, 0, 0, 0, 0]}
+        for s, sign in (("evening", 1), ("morning", -1))
+    ]
+    found = [f for f in verdict.of_rig(told, LIMITS)[1] if f["check"] == "moved"]
+    assert [f["level"] for f in found] == level
+    assert all(f"camera sits {mm:.2g} mm and 0° elsewhere in session" in f["text"] for f in found)
+    assert all(f["sensors"] == ["camera"] for f in found)
+
+
+def test_sessions_that_differ_by_chance_are_none_of_the_verdict(clean):
+    told = copy.deepcopy(clean)
+    row = {"sensor": "camera", "session": "evening", "sigma": [1e-3] * 6, "others": 1}
+    told["repeatability"] = [row | {"chance": 0.01, "shift": [0.003, 0, 0, 0, 0, 0]}]
+    assert not [f for f in verdict.of_rig(told, LIMITS)[1] if f["check"] == "moved"]

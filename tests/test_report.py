@@ -274,6 +274,7 @@ def calibration():
         "pairs": [],
         "suspicions": [],
         "influences": [influence(0, 1.4, 5.0), influence(1, None, 7.0)],
+        "repeatability": [],
         "targets": {"board": None, "pipe": None},
         "sessions": {"s1": None},
         "noise": {
@@ -631,6 +632,13 @@ def test_estimated_unknowns_are_told(files, undrawn):
     assert "alignment of board in its MCS body x 6.0 ± 1.0 mm" in said
     assert "yaw 1.0000 ± 0.0172 °; σ is 0.25 to 0.95 of its prior" in said
     assert "nothing tells the turn about z of the target; tilt it to more sides" in said
+
+
+def test_every_session_stands_beside_the_others(files, undrawn):
+    row = {"session": "s1", "sensor": "left", "others": 1, "chance": 1e-9}
+    shift, sigma = [0.003, 0, 0.004, 0, 0, 0.01], [0.0001] * 3 + [0.001] * 3
+    files.calibration["repeatability"] = [row | {"shift": shift, "sigma": sigma}]
+    assert "s1 left 5 0.17 0.57 0.099" in words(files.render())
 
 
 def test_title(files, undrawn):

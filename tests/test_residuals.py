@@ -10,7 +10,8 @@ from calib import arrays, expressions, geometry, kinds, problem, rig, targets
 from calib.cameras import Camera
 from calib.geometry import inverse, se3_exp
 from calib.kinds.assignment import Assignment, Noise, loss_weight
-from calib.problem import Block, Part, Poses, Problem
+from calib.parts import Part, information
+from calib.problem import Block, Poses, Problem
 from shared import shared_data
 
 CAMERA = Camera("radtan", (800, 810, 640, 480, -0.2, 0.05, 0.001, -0.002), (1280, 960))
@@ -471,7 +472,7 @@ def solved(points, views, camera, T_robot_sensor, sigma=EXACT, prior=None):
         T, shift, x = T @ se3_exp(found.x[:6]), shift + found.x[:6], found.x.copy()
         x[:6] = 0
     cost = sum(p.cost for p in parts)
-    return T, scale * x, cost, problem.information(parts, weight), found.success
+    return T, scale * x, cost, information(parts, weight), found.success
 
 
 def seen_from(points, pixels, camera):

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib import geometry, problem, suspicion
+from calib import geometry, suspicion
 from calib.hypotheses import all_of
 from calib.hypotheses.of_targets import _with_edges_moved
 from calib.hypothesis import View
+from calib.parts import information
 from synthetic import World, outline_scaled, pattern_scaled, setup, solved, zoomed
 
 MIXED = [("board", None)] * 7 + [("cylinder", None)] * 3
@@ -104,4 +105,4 @@ def test_parts_of_the_solution_are_those_that_the_tests_expect():
     made = setup(0, MIXED[6:8])
     solution = solved(made, rounds=6).solution
     weight = (np.arange(made.n) >= made.poses).astype(float)
-    np.testing.assert_allclose(problem.information(solution.parts, weight), solution.information)
+    np.testing.assert_allclose(information(solution.parts, weight), solution.information)

@@ -55,7 +55,7 @@ class Setup:
 
     The unknowns are twists of the sensors and of those mounts, by name, then the errors of the MCS
     poses of the robot at its rests and of the body in every placement, then θ, both in units of
-    their σ. Of a view in motion the error is its own and is eliminated (problem.Part).
+    their σ. Of a view in motion the error is its own and is eliminated (parts.Part).
     """
 
     models: dict

@@ -61,7 +61,7 @@ def error(setup, result):
 
 
 def _left(k, own, names, P):
-    """The Left of placement k, of which [(sensor, problem.Part)] are `own`."""
+    """The Left of placement k, of which [(sensor, parts.Part)] are `own`."""
     columns = np.unique(np.concatenate([p.columns for _, p in own]))
     H, g = np.zeros((len(columns), len(columns))), np.zeros(len(columns))
     for _, part in own:

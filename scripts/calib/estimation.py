@@ -8,7 +8,8 @@ from calib import chain, intrinsics, kinds, noise
 from calib.hypothesis import View
 from calib.information import inverse
 from calib.noise import wide
-from calib.problem import Block, Problem, information
+from calib.parts import information
+from calib.problem import Block, Problem
 
 STRIDE = 0.1  # m, rad
 
@@ -120,7 +121,7 @@ def lenses(setup, state):
 
 
 def errors(setup, state):
-    """(spread, error) of every group's problem.Part: of views in motion, else None."""
+    """(spread, error) of every group's parts.Part: of views in motion, else None."""
     spreads = [chain.spread(setup, state, g) for g in setup.groups]
     return [
         (None, None) if s is None else (s, state.wander[g.placement - setup.still])

@@ -20,7 +20,7 @@ def determined(information, columns):
 def together(setup, parts, shared):
     """Number (placements,) of the set that a placement belongs to: those that share unknowns.
 
-    parts: problem.Part of every group; shared: columns of the unknowns that tie placements.
+    parts: parts.Part of every group; shared: columns of the unknowns that tie placements.
     """
     at = [np.intersect1d(part.columns, shared) for part in parts]
     rows = np.repeat([g.placement for g in setup.groups], [len(a) for a in at])

@@ -6,9 +6,9 @@ LEVELS = ("pass", "warn", "fail")
 MM, PERCENT, DEG = 1e3, 100.0, np.degrees(1.0)
 # Checks in order of importance: what is wrong comes before what it does to the numbers.
 CHECKS = (
-    "status", "suspicion", "apart", "alignment", "offset_s", "tilt_deg", "rejected", "mocap_factor",
-    "noise_factor", "beyond", "whiteness", "heldout", "sigma_m", "sigma_deg", "placements",
-    "correction_sigma", "settled",
+    "status", "moved", "suspicion", "apart", "alignment", "offset_s", "tilt_deg", "rejected",
+    "mocap_factor", "noise_factor", "beyond", "whiteness", "heldout", "sigma_m", "sigma_deg",
+    "placements", "correction_sigma", "settled",
 )  # fmt: skip
 # Those that say that measurements and model disagree: more views of the same would not help.
 MISFIT = {
@@ -258,12 +258,36 @@ def of_target(name, target, limits):
     return [finding("alignment", [], found, text, remedy, value, limit)]
 
 
+def of_sessions(rows, limits):
+    """Findings on sensors whose pose is another in one session than in the others."""
+    worst_of = {}
+    for row in sorted(rows, key=lambda r: r["chance"]):
+        worst_of.setdefault(row["sensor"], row)
+    out = []
+    for name, row in sorted(worst_of.items()):
+        m, rad = np.linalg.norm(np.reshape(row["shift"], (2, 3)), axis=1)
+        if row["chance"] > limits["warn_suspicion_chance"] or m < limits["warn_shift_m"]:
+            continue
+        grave = m > limits["fail_sigma_m"] or rad * DEG > limits["fail_sigma_deg"]
+        text = (
+            f"{name} sits {m * MM:.2g} mm and {rad * DEG:.2g}° elsewhere in session "
+            f"{row['session']} than in the others"
+        )
+        remedy = (
+            f"see whether {name} was moved or bumped before or after {row['session']}; if all "
+            "sensors moved alike, the robot's markers did. Calibrate what comes after by itself"
+        )
+        out.append(finding("moved", [name], "fail" if grave else "warn", text, remedy))
+    return out
+
+
 def of_rig(solution, limits):
     """(level, findings in order of importance, level per sensor) of a solution.json."""
     sensors = sorted(solution["sensors"].items())
     found = [f for name, sensor in sensors for f in of_sensor(name, sensor, limits)]
     found += [f for s in solution["suspicions"] for f in of_suspicion(s, solution, limits)]
     found += [f for n, t in sorted(solution["targets"].items()) for f in of_target(n, t, limits)]
+    found += of_sessions(solution["repeatability"], limits)
     words = "errors of the motion capture's poses over the stated σ"
     found += _measured("", solution["noise"]["mocap_factor"], limits, "mocap_factor", words)
     if solution["ipopt"] is not None and not solution["settled"]:

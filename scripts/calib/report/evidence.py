@@ -38,6 +38,21 @@ def _shift(name, by):
     return f"{name} {far} ({text.number(by['sigmas'], 2)} σ)"
 
 
+def sessions(run):
+    """Rows of every sensor and session: its pose by that session alone, against the others."""
+    rows = []
+    moved = {n for f in run.verdict["findings"] if f["check"] == "moved" for n in f["sensors"]}
+    for row in run.calibration["repeatability"]:
+        shift, sigma = np.reshape([row["shift"], row["sigma"]], (2, 2, 3)) * [[[MM], [DEG]]]
+        told = {k: row[k] for k in ("session", "sensor")} | {"chance": _chance(row["chance"])}
+        for i, unit in enumerate(("mm", "deg")):
+            told[unit] = text.number(np.linalg.norm(shift[i]), 2)
+            told[f"sigma_{unit}"] = text.number(np.linalg.norm(sigma[i]), 2)
+        told["moved"] = row["sensor"] in moved
+        rows.append(told)
+    return rows
+
+
 def held_out(run):
     """Rows of every sensor: what its placements say against what the others predict, beside σ."""
     rows = []
