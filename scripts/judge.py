@@ -33,7 +33,7 @@ def calibration(solution, overall, reasons, levels):
         "influences": solution["influences"],
         "targets": solution["targets"],
         "repeatability": solution["repeatability"],
-        "sessions": dict.fromkeys(solution["provenance"]["sessions"]),
+        "sessions": solution["sessions"],
         "noise": solution["noise"],
         "provenance": solution["provenance"],
     }

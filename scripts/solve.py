@@ -17,6 +17,7 @@ from calib import (
     chain,
     clocks,
     kinds,
+    markers,
     placements,
     refinement,
     rig,
@@ -36,14 +37,15 @@ def read_sessions(args, options):
     guess found: T_body_target (4, 4) to start from, by target."""
     read = [tables.read(path, tables.PAIRS) for path in args.pairs]
     mounts = found_mounts([notes for _, _, notes in read])
-    out = {}
+    out, anew = {}, options["remounted"]
     for session, (pairs, _, notes), path in zip(
         options["sessions"], read, args.placements, strict=True
     ):
         table, _, _ = tables.read(path, tables.PLACEMENTS)
         known = options["targets"], options["mocap"], mounts
         out[session] = pairs, notes, placements.still(table, session, *known)
-    return out, mounts
+    # Those whose markers define R come first: their sensors' poses are in it.
+    return {s: out[s] for s in sorted(out, key=lambda s: (s in anew, s))}, mounts
 
 
 def found_mounts(sessions):
@@ -107,7 +109,8 @@ def with_motion(setup, args, sessions, options):
                 places, groups = places + found[0], groups + found[1]
     seen = sorted({g.sensor for g in groups if g.moving})
     clock = [clocks.clock(n, options["sensors"][n]["time_offset_sigma_s"]) for n in seen]
-    return replace(setup, placements=places, groups=groups, corrections=tuple(clock))
+    corrections = (*setup.corrections, *clock)
+    return replace(setup, placements=places, groups=groups, corrections=corrections)
 
 
 def statuses(sessions, options):
@@ -144,12 +147,15 @@ def main(argv=None):
     options = args.options
     sessions, mounts = read_sessions(args, options)
     setup, start = setup_of(sessions, mounts, options)
+    notes = {s: found for s, (_, found, _) in sessions.items()}
+    setup = replace(setup, corrections=tuple(markers.corrections(notes, options["remounted"])))
     if options["solve"]["estimate"]["time_offset"] == "auto" and setup.groups:
         setup = with_motion(setup, args, sessions, options)
     wanted, most = options["solve"]["estimate"], limits(setup, options["solve"])
     setup, result, suspected = refinement.estimate(setup, start, wanted, **most)
     known = statuses(sessions, options)
     content = solution.as_json(setup, result, suspected, known, options)
+    content["sessions"] |= markers.told(setup, result) if result.solution else {}
     content["repeatability"] = repeatability(setup, result, **most)
     stage.write_json(args.solution, content)
     tables.write(args.residuals, tables.RESIDUALS, solution.residuals(setup, result))

@@ -626,7 +626,11 @@ def test_estimated_unknowns_are_told(files, undrawn):
         "shift": [0.006, 0, 0, 0, 0, np.radians(1)],
         "prior": (SIGMA * [2, 4, 4, 4, 4, 1.05]).tolist(),
     }
+    T = rig.pose_json(geometry.from_rpy([0.03, 0, 0], [0, 0, 0]))
+    markers = {"T_robot_markers": T, "covariance": np.diag(SIGMA**2).tolist()}
+    files.calibration["sessions"]["s1"] = markers
     said = words(files.render())
+    assert "robot markers in s1, in R x 30.0 ± 1.0 mm" in said
     assert "time offset of left 25.000 ± 0.2 ms, from 25 views of targets in motion" in said
     assert "time offset of top not observable: no relative motion" in said
     assert "alignment of board in its MCS body x 6.0 ± 1.0 mm" in said

@@ -166,6 +166,7 @@ def solve_options(w):
         sessions=sessions_of(w.rig),
         body=rig["body"],
         max_gap_s=max_gap(w),
+        remounted=[s for s in sessions_of(w.rig) if SESSIONS[s]["remounted"]],
         used={s: sorted(SESSIONS[s]["sensors"]) for s in sessions_of(w.rig)},
     )
 

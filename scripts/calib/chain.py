@@ -9,7 +9,8 @@ from calib import geometry, noise
 from calib.mocap import NS
 from calib.problem import Poses
 
-CLOCK = "time_offset"  # name of the correction that is a sensor's offset against the MCS
+CLOCK = "time_offset"  # name of the correction that is a sensor's offset against the MCS,
+MARKERS = "markers"  # and of that which is where a session's MCS body of the robot sits in R
 
 
 @dataclass(frozen=True)
@@ -145,7 +146,11 @@ def start(setup, T_robot_sensor, factor):
     """The State from poses by sensor: no MCS error, `factor` times the configured noise."""
     keys = sorted({noise.of(g) for g in setup.groups})
     scales = {key: noise.initial(key[1], factor) for key in keys}
-    y, theta = np.zeros_like(setup.sigma), np.zeros_like(setup.theta_sigma)
+    y, begun = np.zeros_like(setup.sigma), [h.start for h in setup.corrections]
+    theta = [
+        np.zeros(h.size) if v is None else v for h, v in zip(setup.corrections, begun, strict=True)
+    ]
+    theta = np.concatenate([np.zeros(0), *theta])
     wander = np.zeros((len(setup.placements) - setup.still, 6))
     fits = followed(setup, theta)
     return State(dict(T_robot_sensor), dict(setup.mounts), y, scales, 1.0, theta, wander, fits)
@@ -169,6 +174,16 @@ def followed(setup, theta):
     return [m.at(float(theta[clocks[m.sensor]]) if m.sensor in clocks else 0.0) for m in seen]
 
 
+def number_of(setup, state, name, of):
+    """θ (size,) of the correction of that name, or None where there is none."""
+    first = 0
+    for h in setup.corrections:
+        if (h.name, h.of) == (name, of):
+            return state.theta[first : first + h.size]
+        first += h.size
+    return None
+
+
 def fit_of(setup, state, k):
     """The motion.Fit of view k in motion."""
     return state.fits[k - setup.still]
@@ -177,7 +192,9 @@ def fit_of(setup, state, k):
 def T_robot_body(setup, state, k):
     """T_robot_body (4, 4) of placement k, as measured."""
     place = setup.placements[k]
-    return place.T_robot_body if place.moving is None else fit_of(setup, state, k).T
+    T = place.T_robot_body if place.moving is None else fit_of(setup, state, k).T
+    theta = number_of(setup, state, MARKERS, place.session)
+    return T if theta is None else geometry.se3_exp(theta) @ T
 
 
 def T_body_target(setup, state, k):

@@ -22,7 +22,8 @@ class Hypothesis:
     mended(model, θ, placement) -> the sensor's model that knows of it; instead: the Hypothesis that
     is then estimated, where it has finer numbers than the residuals can ask for. Or, where θ is a
     pose of the chain, joined(setup) -> the Setup in which it is estimated. moving: whether it
-    concerns only views in motion."""
+    concerns only views in motion; session: whether `of` is a session; start (size,): θ to begin
+    with, default zero."""
 
     name: str
     of: str
@@ -37,6 +38,8 @@ class Hypothesis:
     instead: "Hypothesis | None" = field(default=None, repr=False)
     joined: Callable | None = field(default=None, repr=False)
     moving: bool = False
+    session: bool = False
+    start: np.ndarray | None = field(default=None, repr=False)
 
     def estimated(self, setup):
         """The Setup in which its numbers are estimated, or None where they cannot be."""
@@ -48,7 +51,10 @@ class Hypothesis:
 
     def touches(self, setup, group):
         """Whether residuals of a group may depend on it."""
-        target = setup.placements[group.placement].target
+        place = setup.placements[group.placement]
+        target = place.target
+        if self.session:
+            return self.of == place.session
         exact = setup.targets[target].points is None and (group.moving or not self.moving)
         concerned = not self.kinds or group.kind in self.kinds
         return exact and concerned and self.of == (group.sensor if self.on_sensor else target)

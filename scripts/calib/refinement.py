@@ -81,6 +81,6 @@ def corrections(setup, result, sensor):
     for h, theta, sigma in zip(setup.corrections, *parts, strict=False):
         told = {"name": h.name, "text": h.told(theta, sigma), "remedy": h.remedy}
         numbers = {"estimate": theta, "sigma": sigma, "prior": h.sigma}
-        if h.of == sensor and h.name not in (chain.CLOCK, intrinsics.NAME):
+        if h.of == sensor and h.name not in (chain.CLOCK, chain.MARKERS, intrinsics.NAME):
             out.append(told | {k: v.tolist() for k, v in numbers.items()})
     return out

@@ -18,12 +18,16 @@ def alone(setup, result, session):
         replace(p, T_body_target=result.state.mounts.get(p.target, p.T_body_target))
         for p in (setup.placements[k] for k in numbers)
     ]
+    # Where its own markers sit on the robot no session can tell by itself.
+    moved = chain.number_of(setup, result.state, chain.MARKERS, session)
+    places = [p if moved is None else _with_markers(p, geometry.se3_exp(moved)) for p in places]
     groups = [
         replace(g, placement=index[g.placement]) for g in setup.groups if g.placement in index
     ]
     seen = {g.sensor for g in groups}
     clocked = {g.sensor for g in groups if g.moving}
-    kept = [h for h in setup.corrections if not h.on_sensor or h.of in seen]
+    kept = [h for h in setup.corrections if h.name != chain.MARKERS]
+    kept = [h for h in kept if not h.on_sensor or h.of in seen]
     kept = [h for h in kept if h.name != chain.CLOCK or h.of in clocked]
     return replace(
         setup,
@@ -33,6 +37,16 @@ def alone(setup, result, session):
         mounts={},
         corrections=tuple(kept),
     )
+
+
+def _with_markers(place, T_robot_markers):
+    """The placement with the robot's pose by other markers."""
+    if place.moving is None:
+        return replace(place, T_robot_body=T_robot_markers @ place.T_robot_body)
+    path = place.moving.trajectory
+    path = replace(path, T=T_robot_markers @ path.T)
+    moving = replace(place.moving, trajectory=path)
+    return replace(place, T_robot_body=T_robot_markers @ place.T_robot_body, moving=moving)
 
 
 def poses(setup, result, session, **limits):

@@ -58,6 +58,7 @@ def as_json(setup, result, suspected, known, options):
         "suspicions": [s | {"shift": {n: s["shift"][n] for n in solved}} for s in suspected]
         if solved
         else [],
+        "sessions": dict.fromkeys(options["sessions"]),
         "influences": quality.influences(setup, left),
         "noise": noise(setup, result),
         "provenance": {

@@ -104,7 +104,8 @@ def other_unknowns(run):
         rows.append((f"alignment of {name} in its MCS body", _alignment(target)))
     for name, session in sorted(run.calibration["sessions"].items()):
         if session:
-            rows.append((f"robot markers in {name}", json.dumps(session, sort_keys=True)))
+            T = np.array(session["T_robot_markers"]["matrix"])
+            rows.append((f"robot markers in {name}, in R", _pose(T, session["covariance"])))
     return rows
 
 
@@ -117,12 +118,17 @@ def _offset(sensor):
     return f"{text.fixed(value, 3)} ± {text.number(sigma, 2)} ms, {clock}"
 
 
+def _pose(T, covariance):
+    """`x 1.2 ± 0.1 mm, ...` of a pose (4, 4)."""
+    rows = extrinsics.rows(T, covariance, None, None)
+    return ", ".join(f"{r['name']} {r['value']} ± {r['sigma']} {r['unit']}" for r in rows)
+
+
 def _alignment(target):
     if not target:
         return None
     T = np.array(target["T_body_target"]["matrix"])
-    rows = extrinsics.rows(T, target["covariance"], None, None)
-    told = ", ".join(f"{r['name']} {r['value']} ± {r['sigma']} {r['unit']}" for r in rows)
+    told = _pose(T, target["covariance"])
     if target["prior"] is None:
         return told
     ratio = np.sqrt(np.diag(target["covariance"])) / target["prior"]

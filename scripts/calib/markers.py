@@ -1,0 +1,70 @@
+"""The robot's markers, mounted anew before a session: where its MCS body then sits in R."""
+
+import numpy as np
+
+from calib import chain, geometry
+from calib.hypothesis import Hypothesis
+from calib.information import covariance
+from calib.rig import pose_json
+
+SIGMA = np.repeat([0.5, np.radians(60.0)], 3)  # m, rad: markers may sit anywhere on a robot
+STEP = 1e-6  # m, rad
+
+
+def corrections(notes, anew):
+    """[Hypothesis] of the sessions that mounted the markers anew; if all did, but the first.
+
+    notes: session -> sensor -> {T_robot_sensor: as extract worked it out, or None}. To begin with,
+    the markers sit where a sensor says that one of the other sessions saw too.
+    """
+    fixed = [s for s in notes if s not in anew] or list(notes)[:1]
+    out = []
+    for session in (s for s in notes if s not in fixed):
+        pairs = [
+            (notes[f][n]["T_robot_sensor"], note["T_robot_sensor"])
+            for n, note in sorted(notes[session].items())
+            for f in fixed
+            if n in notes[f]
+        ]
+        there = [(np.array(a), np.array(b)) for a, b in pairs if a is not None and b is not None]
+        T = there[0][0] @ geometry.inverse(there[0][1]) if there else np.eye(4)
+        out.append(remounted(session, T))
+    return out
+
+
+def remounted(session, T_robot_markers):
+    """The Hypothesis that a session's MCS body sits at T_robot_markers (4, 4) in the robot frame
+    of the other sessions, or near: θ is its twist."""
+    return Hypothesis(
+        chain.MARKERS, session, False, (), 6, _by_twist, lambda theta, sigma: "", "",
+        SIGMA, lambda model, theta, placement: model, session=True,
+        start=geometry.se3_log(T_robot_markers),
+    )  # fmt: skip
+
+
+def _by_twist(view):
+    """(6, k, n): what moving the markers does to the residuals of a view."""
+    session = view.setup.placements[view.group.placement].session
+    theta = chain.number_of(view.setup, view.state, chain.MARKERS, session)
+    T = view.state.T_robot_sensor[view.group.sensor]
+    back = geometry.inverse(geometry.se3_exp(theta)) @ T
+    moved = geometry.inverse(T) @ geometry.se3_exp(theta + STEP * np.eye(6)) @ back
+    there = [view.changed(T_sensor_target=M @ view.T_sensor_target) for M in moved]
+    return (np.stack(there) - view.assigned.standard.T) / STEP
+
+
+def told(setup, result):
+    """{session: {T_robot_markers, covariance}} of those whose markers were mounted anew."""
+    out, first = {}, 0
+    for h in setup.corrections:
+        if h.name == chain.MARKERS:
+            theta = result.state.theta[first : first + 6]
+            at = slice(setup.chained + first, setup.chained + first + 6)
+            spread = covariance(result.solution.information)[at, at] * np.outer(h.sigma, h.sigma)
+            T = geometry.se3_exp(theta)
+            near = geometry.inverse(T) @ geometry.se3_exp(theta + STEP * np.eye(6))
+            J = geometry.se3_log(near).T / STEP
+            spread = (J @ spread @ J.T).tolist()
+            out[h.of] = {"T_robot_markers": pose_json(T), "covariance": spread}
+        first += h.size
+    return out
