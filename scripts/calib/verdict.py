@@ -274,9 +274,9 @@ def of_sessions(rows, limits):
             f"{row['session']} than in the others"
         )
         remedy = (
-            f"see whether {name} was moved or bumped before or after {row['session']} and calibrate "
-            "what comes after by itself; if all sensors moved alike, the robot's markers did: write "
-            f"sessions.{row['session']}.remounted: true"
+            f"see whether {name} was moved or bumped before or after {row['session']} and "
+            "calibrate what comes after by itself; if all sensors moved alike, the robot's markers "
+            f"did: write sessions.{row['session']}.remounted: true"
         )
         out.append(finding("moved", [name], "fail" if grave else "warn", text, remedy))
     return out
