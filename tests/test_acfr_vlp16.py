@@ -40,12 +40,12 @@ def without_outlines(run, tmp_path_factory):
     pairs, meta, notes = tables.read(run / given[given.index("--pairs") + 1], tables.PAIRS)
     kept = tables.select(pairs, np.asarray(pairs["kind"]) != "edge")
     tables.write(out / "pairs.parquet", tables.PAIRS, kept, meta, notes)
-    paths = {"--pairs": out / "pairs.parquet", "--placements": run / HOME / "placements"}
-    paths["--placements"] /= "placements.parquet"
-    paths |= {f"--{k}": out / k for k in ("solution", "residuals", "iterations")}
-    for flag, path in paths.items():
+    paths = {f"--{k}": out / k for k in ("solution", "residuals", "iterations")}
+    for flag, path in (paths | {"--pairs": out / "pairs.parquet"}).items():
         given[given.index(flag) + 1] = str(path)
-    solve.main(given)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(run)
+        solve.main(given)
     return json.loads((out / "solution").read_text())
 
 
