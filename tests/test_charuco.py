@@ -1,5 +1,7 @@
 """ChArUco boards: corners by their ids, whole or in part, as a camera sees them."""
 
+from functools import cache
+
 import cv2
 import numpy as np
 import pytest
@@ -28,8 +30,10 @@ BLOCK = {
 }
 
 
-def photograph(T_camera_board, blur=0.7, noise=1.8, seed=0):
-    """A grey image (h, w) uint8 of the board before a grey wall, 4 rays a pixel each way."""
+@cache
+def photographed():
+    """A grey image (h, w) uint8 of the board at POSE before a grey wall, blur 0.7 px, noise 1.8; 4
+    rays a pixel each way."""
     px = 40  # of the print, per square
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
     board = cv2.aruco.CharucoBoard(PATTERN.squares, PATTERN.square, PATTERN.marker, dictionary)
@@ -37,7 +41,7 @@ def photograph(T_camera_board, blur=0.7, noise=1.8, seed=0):
     width, height = CAMERA.size
     fine = (np.arange(4 * max(CAMERA.size)) + 0.5) / 4 - 0.5
     uv = np.stack(np.meshgrid(fine[: 4 * width], fine[: 4 * height]), -1).reshape(-1, 2)
-    T = geometry.inverse(T_camera_board)
+    T = geometry.inverse(POSE)
     rays, _ = CAMERA.unproject(uv)
     rays = rays @ T[:3, :3].T
     hit = T[:3, 3] - rays * (T[2, 3] / rays[:, 2])[:, None]
@@ -46,14 +50,14 @@ def photograph(T_camera_board, blur=0.7, noise=1.8, seed=0):
     inside = (column >= 0) & (column < 5 * px) & (row >= 0) & (row < 7 * px)
     grey = np.full(len(uv), 120.0)
     grey[inside] = 40 + 160 / 255 * printed[row[inside], column[inside]]
-    image = cv2.GaussianBlur(grey.reshape(height, 4, width, 4).mean((1, 3)), (0, 0), blur)
-    image += noise * np.random.default_rng(seed).normal(size=image.shape)
+    image = cv2.GaussianBlur(grey.reshape(height, 4, width, 4).mean((1, 3)), (0, 0), 0.7)
+    image += 1.8 * np.random.default_rng(0).normal(size=image.shape)
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
 def test_every_corner_is_found_by_its_own_number_to_a_thirtieth_of_a_pixel():
     """Quadrature of 4 × 4 rays and the cells of the print make up most of the error."""
-    found, status = PATTERN.locate(photograph(POSE), CAMERA, np.zeros(2))
+    found, status = PATTERN.locate(photographed(), CAMERA, np.zeros(2))
     assert status.ok and sorted(found.index) == list(range(24))
     true, _ = CAMERA.project(geometry.transform(POSE, PATTERN.corners()))
     off = found.uv - true[found.index]
@@ -61,7 +65,7 @@ def test_every_corner_is_found_by_its_own_number_to_a_thirtieth_of_a_pixel():
 
 
 def test_a_part_of_the_board_tells_which_part_it_is():
-    image = photograph(POSE)
+    image = photographed().copy()
     image[:, :COVERED] = 120
     found, status = PATTERN.locate(image, CAMERA, np.zeros(2))
     assert 6 <= len(found.index) < 24 and "corners not seen" in status.reason
@@ -70,7 +74,7 @@ def test_a_part_of_the_board_tells_which_part_it_is():
 
 
 def test_a_region_of_the_image_gives_pixels_of_the_whole():
-    image, offset = photograph(POSE), np.array([180, 90])
+    image, offset = photographed(), np.array([180, 90])
     whole, _ = PATTERN.locate(image, CAMERA, np.zeros(2))
     part, _ = PATTERN.locate(image[90:, 180:], CAMERA, offset)
     both = np.isin(whole.index, part.index)
@@ -119,6 +123,6 @@ def test_a_checkerboard_still_needs_an_outline():
 
 
 def test_colour_images_are_read_alike():
-    grey = photograph(POSE)
+    grey = photographed()
     again = images.grey(np.repeat(grey[..., None], 3, -1))
     np.testing.assert_array_equal(again, grey)
