@@ -215,7 +215,7 @@ def test_what_is_not_reached_is_said_with_its_factor_and_nothing_else_is():
     text = page.missed([missed], RUN, FOUND)
     assert "N = 30: 0.003 mm is 3 × the goal, 0.001 mm" in text
     assert "°" not in text.split("N = 30")[1].splitlines()[0]
-    assert "solve: 2.5 s, goal 1 s" in text and "not estimated by this version" in text
+    assert "solve: 2.5 s, goal 1 s" in text and "not yet measured here" in text
 
 
 def test_the_baseline_is_shown_but_not_held_to_the_goals():

@@ -11,24 +11,26 @@ from calib.observability import UNDETERMINED
 
 
 def alone(setup, result, session):
-    """The Setup of one session; targets sit where all sessions together put them."""
-    numbers = [i for i, p in enumerate(setup.placements) if p.session == session]
-    index = {k: i for i, k in enumerate(numbers)}
+    """The Setup of one session's placements; targets, and the robot's markers, which it cannot tell
+    by itself, sit where all sessions together put them."""
+    at = [i for i, p in enumerate(setup.placements) if p.session == session and p.moving is None]
+    index = {k: i for i, k in enumerate(at)}
+    anew = chain.number_of(setup, result.state, chain.MARKERS, session)
+    T = np.eye(4) if anew is None else geometry.se3_exp(anew)
     places = [
-        replace(p, T_body_target=result.state.mounts.get(p.target, p.T_body_target))
-        for p in (setup.placements[k] for k in numbers)
+        replace(
+            p,
+            T_robot_body=T @ p.T_robot_body,
+            T_body_target=result.state.mounts.get(p.target, p.T_body_target),
+        )
+        for p in (setup.placements[k] for k in at)
     ]
-    # Where its own markers sit on the robot no session can tell by itself.
-    moved = chain.number_of(setup, result.state, chain.MARKERS, session)
-    places = [p if moved is None else _with_markers(p, geometry.se3_exp(moved)) for p in places]
     groups = [
         replace(g, placement=index[g.placement]) for g in setup.groups if g.placement in index
     ]
     seen = {g.sensor for g in groups}
-    clocked = {g.sensor for g in groups if g.moving}
-    kept = [h for h in setup.corrections if h.name != chain.MARKERS]
-    kept = [h for h in kept if not h.on_sensor or h.of in seen]
-    kept = [h for h in kept if h.name != chain.CLOCK or h.of in clocked]
+    other = chain.CLOCK, chain.MARKERS
+    kept = [h for h in setup.corrections if h.name not in other and h.of in seen]
     return replace(
         setup,
         models={n: m for n, m in setup.models.items() if n in seen},
@@ -37,16 +39,6 @@ def alone(setup, result, session):
         mounts={},
         corrections=tuple(kept),
     )
-
-
-def _with_markers(place, T_robot_markers):
-    """The placement with the robot's pose by other markers."""
-    if place.moving is None:
-        return replace(place, T_robot_body=T_robot_markers @ place.T_robot_body)
-    path = place.moving.trajectory
-    path = replace(path, T=T_robot_markers @ path.T)
-    moving = replace(place.moving, trajectory=path)
-    return replace(place, T_robot_body=T_robot_markers @ place.T_robot_body, moving=moving)
 
 
 def poses(setup, result, session, **limits):

@@ -4,7 +4,7 @@ import numpy as np
 
 from calib.benchmark import cost, measure
 from calib.benchmark import statistics_page as many
-from calib.benchmark.rows import DEFAULT, ENSEMBLE, HELD, NOT_ESTIMATED, SINGLE
+from calib.benchmark.rows import DEFAULT, ENSEMBLE, HELD, NOT_MEASURED, SINGLE
 from calib.benchmark.text import both, digits, over, ratio, table
 
 COLUMNS = ("case", "N", "method", "error", "σ reported", "reference", "goal", "error / goal")
@@ -83,7 +83,7 @@ def missed(lines, run, found):
     """Everything that is not reached, one sentence each, as a Markdown list; found: (draws,
     coverage, full runs) as many.short_of takes them."""
     sentences = [s for line in lines for s in short_of(line)] + many.short_of(*found)
-    sentences += slow(run) + list(NOT_ESTIMATED)
+    sentences += slow(run) + list(NOT_MEASURED)
     return "\n".join(f"* {s}." for s in sentences)
 
 

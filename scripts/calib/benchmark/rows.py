@@ -144,8 +144,8 @@ ROWS = (
         cpp={"points": {30: (0.76, 0.040), 15: (0.59, 0.039), 5: (2.5, 0.093)}},
     ),
 )
-NOT_ESTIMATED = (
-    "MCS stamps 25 ms late, target frame off by 6 mm and 1°: not estimated by this version",
+NOT_MEASURED = (
+    "MCS stamps 25 ms late, target frame off by 6 mm and 1°: estimated, not yet measured here",
 )
 
 
