@@ -119,10 +119,19 @@ class Setup:
 
     def numbers(self, group):
         """Which of θ (q,) the residuals of a group may depend on."""
-        ends = np.cumsum([0] + [h.size for h in self.corrections])
-        spans = zip(self.corrections, ends[:-1], ends[1:], strict=True)
-        own = [np.arange(a, b) for h, a, b in spans if h.touches(self, group)]
+        own = [np.arange(self.n)[at] for h, at in self.spans if h.touches(self, group)]
         return np.concatenate([np.zeros(0, int), *own])
+
+    @cached_property
+    def spans(self):
+        """[(Hypothesis, slice of θ)] of the corrections."""
+        ends = np.cumsum([0] + [h.size for h in self.corrections]).tolist()
+        slices = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return list(zip(self.corrections, slices, strict=True))
+
+    def span(self, name, of):
+        """The slice of θ of the correction of that name, or None where there is none."""
+        return next((at for h, at in self.spans if (h.name, h.of) == (name, of)), None)
 
 
 @dataclass
@@ -158,11 +167,10 @@ def start(setup, T_robot_sensor, factor):
 
 def model(setup, state, group):
     """The model of a group's sensor with the corrections that touch the group."""
-    out, first = setup.models[group.sensor], 0
-    for h in setup.corrections:
+    out = setup.models[group.sensor]
+    for h, at in setup.spans:
         if h.touches(setup, group):
-            out = h.mended(out, state.theta[first : first + h.size], group.placement)
-        first += h.size
+            out = h.mended(out, state.theta[at], group.placement)
     return out
 
 
@@ -176,12 +184,8 @@ def followed(setup, theta):
 
 def number_of(setup, state, name, of):
     """θ (size,) of the correction of that name, or None where there is none."""
-    first = 0
-    for h in setup.corrections:
-        if (h.name, h.of) == (name, of):
-            return state.theta[first : first + h.size]
-        first += h.size
-    return None
+    at = setup.span(name, of)
+    return None if at is None else state.theta[at]
 
 
 def fit_of(setup, state, k):

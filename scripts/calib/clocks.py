@@ -41,20 +41,17 @@ def told(name, setup, result, guess):
     The value is that against its stamps: the first guess, and what was found beside it.
     """
     views = sum(g.moving and g.sensor == name for g in setup.groups)
-    at = [(h.name, h.of) for h in setup.corrections]
-    if not views or (chain.CLOCK, name) not in at or result.solution is None:
+    at = setup.span(chain.CLOCK, name)
+    if not views or at is None or result.solution is None:
         return {"time_offset_s": None, "clock": "not observable: no relative motion"}
-    index = sum(h.size for h in setup.corrections[: at.index((chain.CLOCK, name))])
-    prior = setup.theta_sigma[index]
-    ratio = np.sqrt(
-        covariance(result.solution.information)[setup.chained + index][setup.chained + index]
-    )
+    (prior,), (theta,) = setup.theta_sigma[at], result.state.theta[at]
+    (ratio,) = np.sqrt(np.diag(covariance(result.solution.information))[setup.chained :][at])
     if ratio > KNOWN:
         return {
             "time_offset_s": None,
             "clock": f"not observable: {views} views in motion tell it no "
             f"better than ± {1e3 * ratio * prior:.2g} ms",
         }
-    value = guess["time_offset_s"]["value"] + result.state.theta[index]
+    value = guess["time_offset_s"]["value"] + theta
     found = {"value": float(value), "sigma": float(ratio * prior)}
     return {"time_offset_s": found, "clock": f"from {views} views of targets in motion"}

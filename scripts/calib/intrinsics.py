@@ -53,16 +53,13 @@ def _told(sensor, theta, sigma):
 
 def estimated(setup, result, sensor):
     """(params (q,), σ (q,), share (q,) of the priors' σ that is left) of a camera, or None."""
-    first = 0
-    for h in setup.corrections:
-        if (h.name, h.of) == (NAME, sensor):
-            at = slice(first, first + h.size)
-            spread = np.diag(covariance(result.solution.information))[setup.chained :]
-            share = np.sqrt(spread[at])
-            params = np.array(setup.models[sensor].params)[: h.size] + result.state.theta[at]
-            return params, share * h.sigma, share
-        first += h.size
-    return None
+    at = setup.span(NAME, sensor)
+    if at is None:
+        return None
+    theta = result.state.theta[at]
+    share = np.sqrt(np.diag(covariance(result.solution.information))[setup.chained :][at])
+    params = np.array(setup.models[sensor].params)[: len(theta)] + theta
+    return params, share * setup.theta_sigma[at], share
 
 
 def refused(setup, result):

@@ -55,16 +55,15 @@ def _by_twist(view):
 
 def told(setup, result):
     """{session: {T_robot_markers, covariance}} of those whose markers were mounted anew."""
-    out, first = {}, 0
-    for h in setup.corrections:
+    out = {}
+    for h, at in setup.spans:
         if h.name == chain.MARKERS:
-            theta = result.state.theta[first : first + 6]
-            at = slice(setup.chained + first, setup.chained + first + 6)
-            spread = covariance(result.solution.information)[at, at] * np.outer(h.sigma, h.sigma)
+            theta = result.state.theta[at]
+            spread = covariance(result.solution.information)[setup.chained :, setup.chained :]
+            spread = spread[at, at] * np.outer(h.sigma, h.sigma)
             T = geometry.se3_exp(theta)
             near = geometry.inverse(T) @ geometry.se3_exp(theta + STEP * np.eye(6))
             J = geometry.se3_log(near).T / STEP
             spread = (J @ spread @ J.T).tolist()
             out[h.of] = {"T_robot_markers": pose_json(T), "covariance": spread}
-        first += h.size
     return out
