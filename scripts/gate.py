@@ -28,6 +28,7 @@ def averaged(relative, span, sigma):
         "effective_samples": independent,
         "pose_factor": factor,
         "covariance": (factor**2 * prior).reshape(-1),
+        "creep": mocap.creep(relative.t[rows], xi),
     }
 
 
@@ -47,6 +48,7 @@ def at_middle(relative, span):
         "effective_samples": 1.0,
         "pose_factor": 1.0,
         "covariance": np.zeros(36),
+        "creep": np.zeros(6),
     }
 
 

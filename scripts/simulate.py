@@ -26,7 +26,9 @@ import numpy as np
 
 from calib.sim import files, log, mocap, motion, mounts, placements, record, rigs, scene
 
-RIG, PLACES, GUESS, BIAS, MOUNTS, BEAMS, SWAPS = range(7)  # streams of random numbers
+RIG, PLACES, GUESS, BIAS, MOUNTS, BEAMS, SWAPS, MARKERS, BUMP = range(
+    9
+)  # streams of random numbers
 SENSORS = (  # flag, what it takes, what it does; of all lidars or all cameras of the rig
     ("--sector-deg", {"type": float}, "azimuths recorded: ± about the lidar's x"),
     ("--lidar", {"choices": list(rigs.LIDARS)}, "cloud format, with a scan pattern that fits"),
@@ -48,9 +50,14 @@ ERRORS = (  # flag, default, what it is
     ("--mcs-bias-m", 0.0, "per axis, drawn once per body and placement"),
     ("--mcs-bias-deg", 0.0, "likewise"),
     ("--mcs-late-s", 0.0, "by which its stamps are late"),
+    ("--mcs-drift-ppm", 0.0, "millionths by which they get later as a session goes on"),
     ("--mcs-dropout", 0.0, "share of each body's samples that is lost, in bursts"),
     ("--mount-m", 0.0, "unstated offset of a target in its body: length"),
     ("--mount-deg", 0.0, "and angle"),
+    ("--remount-m", 0.0, "of the robot's markers in every session but the first: length"),
+    ("--remount-deg", 0.0, "and angle"),
+    ("--bump-m", 0.0, "of the rig's last sensor in the last session: length"),
+    ("--bump-deg", 0.0, "and angle"),
     ("--target-scale", 1.0, "size of the targets as built over the size written in the config"),
     ("--guess-error-m", 0.03, "written guess: uniform per axis within ±"),
     ("--guess-error-deg", 5.0, "likewise"),
@@ -114,7 +121,12 @@ def _session(args, built, kinds, shifts, number, name):
     bodies = [record.ROBOT, *(scene.TARGETS[k]["body"] for k in args.targets)]
     swaps = mocap.draw_swaps(rng[SWAPS], args.label_swaps, bodies, *record.span(times))
     world = scene.build(args.targets, args.target_scale)
-    motions = (times, drawn.knots, shifts, biases, swaps)
+    anew = (args.remount_m, args.remount_deg) if number else (0.0, 0.0)
+    markers = mounts.displacement(_rng(args, MARKERS, number), *anew)
+    if name == rigs.RIGS[args.rig].sessions[-1]:
+        knock = mounts.displacement(_rng(args, BUMP), args.bump_m, args.bump_deg)
+        built = mounts.bumped(built, knock)
+    motions = (times, drawn.knots, shifts, markers, biases, swaps)
     return record.Session(name, number, world, built, *motions, args)
 
 

@@ -10,6 +10,7 @@ nothing moves. A sensor that the data cannot place gets no pose, and stops no ot
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -42,7 +43,8 @@ def read_sessions(args, options):
         options["sessions"], read, args.placements, strict=True
     ):
         table, _, _ = tables.read(path, tables.PLACEMENTS)
-        known = options["targets"], options["mocap"], mounts
+        late = max(options["sensors"][n]["time_offset_sigma_s"] for n in options["used"][session])
+        known = options["targets"], options["mocap"], mounts, late
         out[session] = pairs, notes, placements.still(table, session, *known)
     # Those whose markers define R come first: their sensors' poses are in it.
     return {s: out[s] for s in sorted(out, key=lambda s: (s in anew, s))}, mounts
@@ -93,7 +95,7 @@ def setup_of(sessions, mounts, options):
 
 def with_motion(setup, args, sessions, options):
     """The Setup with the views of targets in motion, and the clocks that they tell."""
-    places, groups, files = list(setup.placements), list(setup.groups), iter(args.tracked)
+    files, places, groups = iter(args.tracked), list(setup.placements), list(setup.groups)
     for session, poses in zip(options["sessions"], args.mocap, strict=True):
         known = {p.target: p.T_body_target for p in setup.placements if p.session == session}
         bodies = {n: c["body"] for n, c in options["targets"].items() if n in known}
@@ -108,9 +110,15 @@ def with_motion(setup, args, sessions, options):
                 found = tracking.seen(tracked, *given)
                 places, groups = places + found[0], groups + found[1]
     seen = sorted({g.sensor for g in groups if g.moving})
-    clock = [clocks.clock(n, options["sensors"][n]["time_offset_sigma_s"]) for n in seen]
+    clock = [clocks.clock(n, clock_sigma(n, sessions)) for n in seen]
     corrections = (*setup.corrections, *clock)
     return replace(setup, placements=places, groups=groups, corrections=corrections)
+
+
+def clock_sigma(name, sessions):
+    """σ of the first guess of a sensor's offset, s: the largest of its sessions'."""
+    notes = [found[name] for _, found, _ in sessions.values() if name in found]
+    return max(n["guess"]["time_offset_s"]["sigma"] for n in notes)
 
 
 def statuses(sessions, options):
@@ -149,10 +157,10 @@ def main(argv=None):
     setup, start = setup_of(sessions, mounts, options)
     notes = {s: found for s, (_, found, _) in sessions.items()}
     setup = replace(setup, corrections=tuple(markers.corrections(notes, options["remounted"])))
-    if options["solve"]["estimate"]["time_offset"] == "auto" and setup.groups:
-        setup = with_motion(setup, args, sessions, options)
     wanted, most = options["solve"]["estimate"], limits(setup, options["solve"])
-    setup, result, suspected = refinement.estimate(setup, start, wanted, **most)
+    moving = partial(with_motion, args=args, sessions=sessions, options=options)
+    moving = moving if wanted["time_offset"] == "auto" else None
+    setup, result, suspected = refinement.estimate(setup, start, wanted, moving, **most)
     known = statuses(sessions, options)
     content = solution.as_json(setup, result, suspected, known, options)
     content["sessions"] |= markers.told(setup, result) if result.solution else {}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib import chain, clocks, estimation, geometry, motion
+from calib import chain, clocks, estimation, geometry, motion, refinement, wander
 from calib.information import covariance
 from calib.mocap import NS, Trajectory
 from synthetic import TRUE, setup
@@ -86,19 +86,21 @@ def test_near_a_gap_or_an_end_nothing_is_told(gone):
 # --- the offset
 
 
-def moving(made, sensor, path, k, seed, late, n=40):
+def moving(made, sensor, path, k, seed, late, session="s", begin=0.0, n=40):
     """(Placement, Group) of a view of a board in motion; the MCS's stamps are late by s."""
     rng = np.random.default_rng([seed, k, 7])
     T_sensor_robot = geometry.inverse(TRUE[sensor])
+    start = round(begin * NS)
     place = chain.Placement(
-        "s", "board", path(0.0), np.eye(4), FACTOR * synthetic.MCS_SIGMA,
-        moving=motion.Moving(sensor, 0, trajectory(path, rng, 1.0, late)),
+        session, "board", path(0.0), np.eye(4), FACTOR * synthetic.MCS_SIGMA,
+        moving=motion.Moving(sensor, start, trajectory(path, rng, 1.0, late + begin)),
     )  # fmt: skip
     if sensor == "camera":
         corners = synthetic.BOARD.pattern.corners()
         uv, _ = synthetic.CAMERA.project(geometry.transform(T_sensor_robot @ path(0.0), corners))
         uv = uv + synthetic.PIXEL * rng.normal(size=uv.shape)
         columns = synthetic._table("corner", k, np.arange(len(uv)), synthetic.PIXEL, uv)
+        columns["t"] = np.full(len(uv), start)
         return place, chain.Group(sensor, k, "corner", columns, moving=True)
     q = np.column_stack([rng.uniform(-0.45, 0.45, (10 * n, 2)), np.zeros(10 * n)])
     t = rng.integers(-15_000_000, 15_000_000, len(q))
@@ -107,17 +109,24 @@ def moving(made, sensor, path, k, seed, late, n=40):
     )
     p *= 1 + (synthetic.RANGE * rng.normal(size=len(q)) / np.linalg.norm(p, axis=1))[:, None]
     columns = synthetic._table("surface", k, np.zeros(len(q), int), synthetic.RANGE, xyz=p)
-    return place, chain.Group(sensor, k, "surface", columns | {"t": t}, moving=True)
+    return place, chain.Group(sensor, k, "surface", columns | {"t": t + start}, moving=True)
 
 
-def recorded(late, seed=0, views=25, sensors=("camera", "lidar")):
-    """A Setup of still placements and of views in motion, the MCS's stamps late by s."""
+def recorded(late, seed=0, views=25, sensors=("camera", "lidar"), later=0.0, ppm=0.0):
+    """A Setup of still placements and of views in motion, the MCS's stamps late by s.
+
+    Views come every two seconds, by turns in two sessions: the stamps of the second are `later` by
+    s, and in both they get later by so many millionths.
+    """
     made = setup(seed, STILL)
     places, groups = list(made.placements), list(made.groups)
     for sensor in sensors:
         for j in range(views):
             centre = made.placements[j % len(STILL)].T_robot_body
-            place, group = moving(made, sensor, swinging(seed, j, centre), len(places), seed, late)
+            begin, session = 2.0 * (j // 2), "su"[j % 2]
+            off = late + (session == "u") * later + 1e-6 * ppm * (begin - (views - 1) // 2)
+            seen = swinging(seed, j, centre), len(places), seed, off, session, begin
+            place, group = moving(made, sensor, *seen)
             places.append(place)
             groups.append(group)
     clock = tuple(clocks.clock(name, 0.1) for name in sensors)
@@ -163,6 +172,52 @@ def test_of_many_draws_offsets_and_poses_err_by_their_sigma():
         of_offset, of_pose = np.mean(found, 0)
         assert 0.30 < of_offset < 2.15, name
         assert 0.67 < of_pose < 1.42, name
+
+
+LIMITS = {"max_rounds": 40, "tolerance_m": 1e-7, "tolerance_rad": 1e-7, "noise": 30.0}
+
+
+def refined(made):
+    """(Setup, Result) with the views in motion added to the still placements, as solve does."""
+    still = made.placements[: made.still]
+    groups = [g for g in made.groups if not g.moving]
+    bare = replace(made, placements=still, groups=groups, corrections=())
+    moving = lambda setup: replace(made, mounts=setup.mounts)  # noqa: E731
+    return refinement.estimate(bare, START, {}, moving, **LIMITS)[:2]
+
+
+def test_clocks_that_wander_are_found_with_drift_and_offset_of_every_session():
+    made, result = refined(recorded(0.02, views=40, later=0.004, ppm=300.0))
+    assert result.settled
+    guess = {"time_offset_s": {"value": 0.1, "sigma": 0.1}}
+    for name in ("camera", "lidar"):
+        found = wander.told(name, made, result, guess)
+        for session, late in (("s", 0.12), ("u", 0.124)):
+            offset, drift = found[session]["time_offset_s"], found[session]["drift_ppm"]
+            assert abs(offset["value"] - late) < 3.5 * offset["sigma"] < 3e-3, (name, session)
+            assert abs(drift["value"] - 300) < 3.5 * drift["sigma"] < 250, (name, session)
+        first = clocks.told(name, made, result, guess)["time_offset_s"]
+        assert first["value"] == pytest.approx(found["s"]["time_offset_s"]["value"], abs=1e-12)
+
+
+def test_clocks_that_keep_time_are_not_said_to_wander():
+    """20 draws, each with two clocks: none is taken for one that wanders."""
+    for seed in range(20):
+        made = recorded(0.02, seed, views=12)
+        setup, result = refined(made)
+        assert result.settled
+        assert all(wander.told(n, setup, result, None) is None for n in ("camera", "lidar"))
+
+
+def test_views_added_to_a_settled_estimate_end_where_they_would_from_the_start():
+    made = recorded(0.02, views=12)
+    alone = solved(made)
+    _, result = refined(made)
+    spread = np.sqrt(np.diag(covariance(alone.solution.information)))
+    for i, name in enumerate(("camera", "lidar")):
+        T = geometry.inverse(alone.state.T_robot_sensor[name]) @ result.state.T_robot_sensor[name]
+        assert np.abs(geometry.se3_log(T) / spread[6 * i : 6 * i + 6]).max() < 0.02, name
+        assert abs(offset(made, alone, name)[0] - offset(made, result, name)[0]) < 1e-5
 
 
 def test_the_error_of_a_view_in_motion_is_the_one_that_an_unknown_of_its_own_would_take():

@@ -9,8 +9,7 @@ from calib import geometry, noise
 from calib.mocap import NS
 from calib.problem import Poses
 
-CLOCK = "time_offset"  # name of the correction that is a sensor's offset against the MCS,
-MARKERS = "markers"  # and of that which is where a session's MCS body of the robot sits in R
+MARKERS = "markers"  # name of the correction that is where a session's MCS body of the robot sits
 
 
 @dataclass(frozen=True)
@@ -165,6 +164,26 @@ def start(setup, T_robot_sensor, factor):
     return State(dict(T_robot_sensor), dict(setup.mounts), y, scales, 1.0, theta, wander, fits)
 
 
+def carried(setup, before, factor):
+    """The State from where another Setup of the same still placements, with less to estimate or
+    without views in motion, has settled: before, (Setup, State). What is new is as at the start."""
+    old, state = before
+    new = start(setup, state.T_robot_sensor, factor)
+    theta = new.theta.copy()
+    for h, at in setup.spans:
+        known = number_of(old, state, h.name, h.of)
+        theta[at] = theta[at] if known is None else known
+    return replace(
+        new,
+        mounts=new.mounts | {n: state.mounts[n] for n in setup.mounts if n in state.mounts},
+        y=state.y,
+        noise=new.noise | {k: v for k, v in state.noise.items() if k in new.noise},
+        mocap=state.mocap,
+        theta=theta,
+        fits=followed(setup, theta),
+    )
+
+
 def model(setup, state, group):
     """The model of a group's sensor with the corrections that touch the group."""
     out = setup.models[group.sensor]
@@ -176,10 +195,12 @@ def model(setup, state, group):
 
 def followed(setup, theta):
     """The motion.Fit of every view in motion at its sensor's offset, one of θ (p,)."""
-    firsts = np.cumsum([0] + [h.size for h in setup.corrections])
-    clocks = {h.of: i for h, i in zip(setup.corrections, firsts, strict=False) if h.name == CLOCK}
-    seen = [p.moving for p in setup.placements[setup.still :]]
-    return [m.at(float(theta[clocks[m.sensor]]) if m.sensor in clocks else 0.0) for m in seen]
+    delays = [(h, at) for h, at in setup.spans if h.delay]
+    out = []
+    for place in setup.placements[setup.still :]:
+        own = [h.delay(theta[at], place) for h, at in delays if h.of == place.moving.sensor]
+        out.append(place.moving.at(float(sum(own))))
+    return out
 
 
 def number_of(setup, state, name, of):

@@ -1,27 +1,26 @@
 """A sensor's clock against that of the MCS: t_mcs = stamp + offset."""
 
-from functools import partial
-
 import numpy as np
 
 from calib import chain, geometry
 from calib.hypothesis import Hypothesis
 from calib.information import covariance
 
+CLOCK = "time_offset"  # name of the correction
 SECOND = 1e-6  # step of a finite difference
 KNOWN = 0.3  # of the prior's σ: an offset that is told no better is not told
 
 
 def clock(name, sigma):
     """The Hypothesis of a sensor's offset, s, with the σ of its prior, s."""
-    remedy = f"nothing: the offset of {name} is estimated; its driver may be told of it"
     return Hypothesis(
-        chain.CLOCK, name, True, (), 1, _by_offset, partial(_told, name), remedy,
+        CLOCK, name, True, (), 1, by_offset, lambda theta, sigma: "", "",
         np.array([sigma]), lambda model, theta, placement: model, moving=True,
+        delay=lambda theta, place: theta[0],
     )  # fmt: skip
 
 
-def _by_offset(view):
+def by_offset(view):
     """(1, k, n): what a later look at the MCS does to the residuals of a view in motion."""
     g, state = view.group, view.state
     T_body_target = chain.T_body_target(view.setup, state, g.placement)
@@ -31,17 +30,13 @@ def _by_offset(view):
     return (ahead - view.assigned.standard.T)[None] / SECOND
 
 
-def _told(name, theta, sigma):
-    return f"the stamps of {name} are {1e3 * theta[0]:.2f} ± {1e3 * sigma[0]:.2f} ms early"
-
-
 def told(name, setup, result, guess):
     """{time_offset_s: {value, sigma} or None, clock: what there is to say of it} of a sensor.
 
     The value is that against its stamps: the first guess, and what was found beside it.
     """
     views = sum(g.moving and g.sensor == name for g in setup.groups)
-    at = setup.span(chain.CLOCK, name)
+    at = setup.span(CLOCK, name)
     if not views or at is None or result.solution is None:
         return {"time_offset_s": None, "clock": "not observable: no relative motion"}
     (prior,), (theta,) = setup.theta_sigma[at], result.state.theta[at]

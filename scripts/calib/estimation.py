@@ -204,39 +204,60 @@ def estimate(setup, T_robot_sensor, max_rounds, tolerance_m, tolerance_rad, nois
     state = chain.start(setup, T_robot_sensor, noise)
     if not setup.groups:
         return Result(state, None, [], [], False)
-    problem, assigned = build(setup), assign_first(setup, state)
+    assigned = assign_first(setup, state)
     state.noise = wide(setup, assigned, state.noise)
+    return _settled(setup, state, assigned, max_rounds, (tolerance_m, tolerance_rad))
+
+
+def resume(setup, before, max_rounds, tolerance_m, tolerance_rad, noise):
+    """As estimate, from where another Setup of the same still placements has settled: before, its
+    (Setup, Result); noise: as there, of the groups that are new."""
+    known, result = before
+    if result.solution is None:
+        return estimate(
+            setup, result.state.T_robot_sensor, max_rounds, tolerance_m, tolerance_rad, noise
+        )
+    state = chain.carried(setup, (known, result.state), noise)
+    assigned = assign_all(setup, state)
+    new = {k: v for k, v in state.noise.items() if k not in result.state.noise}
+    state.noise |= wide(setup, assigned, new)
+    return _settled(setup, state, assigned, max_rounds, (tolerance_m, tolerance_rad))
+
+
+def _settled(setup, state, assigned, max_rounds, tolerances):
+    """The Result of rounds from a State and the Assignments there."""
+    problem, rounds, settled = build(setup), [], False
     assigned = _under(setup, assigned, state)
-    rounds, settled = [], False
-    for number in range(max_rounds):
+    while len(rounds) < max_rounds and not settled:
         last = state.theta
         state, fit, twists = step(setup, problem, state, assigned)
         before, after = replace(state, theta=last), assign_all(setup, state)
         state = renoised(setup, state, fit, twists, after)
         after = _under(setup, after, state)
-        moves = np.abs(twists).reshape(-1, 2, 3).max((0, 2))
-        rounds.append(
-            {
-                "round": number,
-                "cost": fit.cost,
-                "ipopt_iterations": fit.iterations,
-                "members": int(sum((a.feature >= 0).sum() for a in after)),
-                "step_m": moves[0],
-                "step_rad": moves[1],
-                "changed": changes(setup, assigned, after),
-            }
-        )
+        rounds.append(_round(len(rounds), fit, twists, after, changes(setup, assigned, after)))
         settled = (
             fit.success
             and rounds[-1]["changed"] == 0
-            and moves[0] < tolerance_m
-            and moves[1] < tolerance_rad
+            and rounds[-1]["step_m"] < tolerances[0]
+            and rounds[-1]["step_rad"] < tolerances[1]
             and _alike(before, state, setup.theta_sigma)
         )
         assigned = after
-        if settled:
-            break
     return Result(state, fit, assigned, rounds, bool(settled))
+
+
+def _round(number, fit, twists, assigned, changed):
+    """The row of one round."""
+    moves = np.abs(twists).reshape(-1, 2, 3).max((0, 2))
+    return {
+        "round": number,
+        "cost": fit.cost,
+        "ipopt_iterations": fit.iterations,
+        "members": int(sum((a.feature >= 0).sum() for a in assigned)),
+        "step_m": moves[0],
+        "step_rad": moves[1],
+        "changed": changed,
+    }
 
 
 def _under(setup, assigned, state):

@@ -22,8 +22,9 @@ class Hypothesis:
     mended(model, θ, placement) -> the sensor's model that knows of it; instead: the Hypothesis that
     is then estimated, where it has finer numbers than the residuals can ask for. Or, where θ is a
     pose of the chain, joined(setup) -> the Setup in which it is estimated. moving: whether it
-    concerns only views in motion; session: whether `of` is a session; start (size,): θ to begin
-    with, default zero."""
+    concerns only views in motion, and delay(θ, placement) -> s by which the sensor's clock then is
+    behind that of the MCS; session: whether `of` is a session; start (size,): θ to begin with,
+    default zero."""
 
     name: str
     of: str
@@ -38,6 +39,7 @@ class Hypothesis:
     instead: "Hypothesis | None" = field(default=None, repr=False)
     joined: Callable | None = field(default=None, repr=False)
     moving: bool = False
+    delay: Callable | None = field(default=None, repr=False)
     session: bool = False
     start: np.ndarray | None = field(default=None, repr=False)
 

@@ -136,6 +136,12 @@ def still_intervals(trajectory, window_s, max_linear, max_angular, trim_s, min_d
     return spans[spans[:, 1] - spans[:, 0] >= min_duration_s * NS].reshape(-1, 2)
 
 
+def creep(t, xi):
+    """Slope (6,), per s, of deviations xi (n, 6) from a mean pose over t (n,), ns."""
+    s = (t - t.mean()) / NS
+    return s @ xi / max(s @ s, 1e-300)
+
+
 def effective_samples(xi):
     """Number of independent samples among deviations xi (n, k), from their autocorrelation.
 

@@ -8,12 +8,13 @@ from calib.chain import Group, Placement
 HELD = 1e-3  # of the σ of the MCS
 
 
-def still(columns, session, targets, mocap, mounts=None):
+def still(columns, session, targets, mocap, mounts=None, late=0.0):
     """{placement number: Placement} of the still intervals of one session.
 
     targets: name -> config block; mocap: block with pose_sigma and pose_bias_sigma; mounts: name ->
-    T_body_target (4, 4) where it is not that of the config. The σ of an
-    averaged pose has a part that averages within the placement and a bias that does not. For
+    T_body_target (4, 4) where it is not that of the config; late: s by which the clocks of the
+    sensors may be off. The σ of an averaged pose has a part that averages within the placement, a
+    bias that does not, and what the target creeps while nobody knows when a sensor saw it. For
     targets compared by points the poses are held, as in the paper: freed, they take up what the
     nearest points leave, and the search settles before it has arrived.
     """
@@ -24,12 +25,13 @@ def still(columns, session, targets, mocap, mounts=None):
         name = str(columns["target"][i])
         if name in targets:
             held = targets[name]["method"] == "points"
+            steady = np.hypot(bias, late * columns["creep"][i])
             out[int(columns["placement"][i])] = Placement(
                 session=session,
                 target=name,
                 T_robot_body=geometry.from_xyz_quat(columns["xyz"][i], columns["quat"][i]),
                 T_body_target=known[name],
-                sigma=np.hypot(white * columns["pose_factor"][i], bias) * (HELD if held else 1.0),
+                sigma=np.hypot(white * columns["pose_factor"][i], steady) * (HELD if held else 1.0),
                 rest=None if held else int(rests[i]),
             )
     return out

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib import chain, crossvalidation, estimation, hypotheses, intrinsics, suspicion
+from calib import crossvalidation, estimation, hypotheses, intrinsics, suspicion, wander
 from calib.information import covariance
 
 SURE = 1e-5  # chance of so good an explanation where nothing is wrong, below which it is taken in
@@ -15,28 +15,43 @@ NAMES = {  # of hypotheses, by key of solve.estimate
 }
 
 
-def estimate(setup, T_robot_sensor, wanted, **limits):
+def estimate(setup, T_robot_sensor, wanted, moving=None, **limits):
     """(Setup, its Result, its suspicions): as estimation.estimate, and again with the numbers of
     every accepted Hypothesis that can be estimated and that `wanted` names, until none is new.
 
     wanted: solve.estimate of the config. Numbers that nothing asks for stay out: where the data
     tell them badly they would only widen the σ of the poses. A target's place in its body is
     estimated only where that makes placements left out agree better with the others.
+
+    moving: Setup -> the one with views of targets in motion too. They tell clocks, and little of
+    all else: they come in when that is settled.
     """
     setup = _from_the_start(setup, wanted)
-    names = {n for key, value in wanted.items() if value == "auto" for n in NAMES.get(key, ())}
     result = estimation.estimate(setup, T_robot_sensor, **limits)
     refused = intrinsics.refused(setup, result) if result.solution else {}
     if refused:
         kept = [h for h in setup.corrections if h.name != intrinsics.NAME or h.of not in refused]
         setup = replace(setup, corrections=tuple(kept), lenses=setup.lenses | refused)
         result = estimation.estimate(setup, T_robot_sensor, **limits)
+    setup, result, suspected = _asked_for(setup, result, wanted, limits)
+    if moving is None or not (wider := moving(setup)).groups:
+        return setup, result, suspected
+    result = estimation.resume(wider, (setup, result), **limits)
+    setup = wander.allowed(wider, result)
+    if setup is not wider:
+        result = estimation.resume(setup, (wider, result), **limits)
+    return setup, result, suspicion.suspicions(setup, result)
+
+
+def _asked_for(setup, result, wanted, limits):
+    """(Setup, its Result, its suspicions) with what the residuals ask for."""
+    names = {n for key, value in wanted.items() if value == "auto" for n in NAMES.get(key, ())}
     suspected = suspicion.suspicions(setup, result)
     for _ in range(MOST):
         wider = _widened(setup, suspected, names)
         if wider is setup:
             break
-        found = estimation.estimate(wider, result.state.T_robot_sensor, **limits)
+        found = estimation.resume(wider, (setup, result), **limits)
         pairs = (wider, found), (setup, result)
         errors = [crossvalidation.error(*p) for p in pairs if len(wider.mounts) > len(setup.mounts)]
         if errors and errors[0] > errors[1]:
@@ -81,6 +96,6 @@ def corrections(setup, result, sensor):
     for h, theta, sigma in zip(setup.corrections, *parts, strict=False):
         told = {"name": h.name, "text": h.told(theta, sigma), "remedy": h.remedy}
         numbers = {"estimate": theta, "sigma": sigma, "prior": h.sigma}
-        if h.of == sensor and h.name not in (chain.CLOCK, chain.MARKERS, intrinsics.NAME):
+        if h.of == sensor and not (h.moving or h.session) and h.name != intrinsics.NAME:
             out.append(told | {k: v.tolist() for k, v in numbers.items()})
     return out

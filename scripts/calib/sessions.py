@@ -29,8 +29,7 @@ def alone(setup, result, session):
         replace(g, placement=index[g.placement]) for g in setup.groups if g.placement in index
     ]
     seen = {g.sensor for g in groups}
-    other = chain.CLOCK, chain.MARKERS
-    kept = [h for h in setup.corrections if h.name not in other and h.of in seen]
+    kept = [h for h in setup.corrections if not (h.moving or h.session) and h.of in seen]
     return replace(
         setup,
         models={n: m for n, m in setup.models.items() if n in seen},

@@ -17,6 +17,7 @@ from calib import (
     refinement,
     rig,
     tables,
+    wander,
 )
 from calib.information import covariance
 from calib.kinds.assignment import loss_weight
@@ -44,6 +45,7 @@ def as_json(setup, result, suspected, known, options):
             **pose_of(name, result, solved, joint, guess),
             **lens_of(name, setup, result),
             **clocks.told(name, setup, result, guess),
+            "time_wander": wander.told(name, setup, result, guess),
             **quality.counts(name, options["sensors"][name]["kind"], setup, result),
             **tests_of(name, setup, result, left if name in solved else []),
         }

@@ -51,7 +51,7 @@ FRAMES = _schema(
 
 PLACEMENTS = _schema(
     "placements",
-    1,
+    2,
     _column("placement", pa.int32(), meaning="number in the session"),
     _column("target", TEXT),
     _column("kind", TEXT, meaning="still or moving"),
@@ -63,6 +63,7 @@ PLACEMENTS = _schema(
     _column("effective_samples", pa.float64(), meaning="independent ones among them"),
     _column("pose_factor", pa.float64(), meaning="σ of an averaged pose over pose_sigma"),
     _column("covariance", _vector(36), unit="m, rad", meaning="white part, right perturbation"),
+    _column("creep", _vector(6), unit="m/s, rad/s", meaning="what is left of motion, body's axes"),
 )
 
 _VIEW = (

@@ -81,6 +81,7 @@ def places_of(session, options):
         "xyz": T[:, :3, 3],
         "quat": geometry.to_quat(T),
         "pose_factor": np.full(len(T), SAMPLES**-0.5),
+        "creep": np.zeros((len(T), 6)),
     }
     return placements.still(table, session.name, options["targets"], options["mocap"])
 

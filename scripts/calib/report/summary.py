@@ -97,6 +97,7 @@ def other_unknowns(run):
     for name, s in run.sensors.items():
         rows.append((f"time offset of {name}", _offset(s)))
         intrinsics = json.dumps(s["intrinsics"], sort_keys=True) if s["intrinsics"] else None
+        rows += [(f"clock of {name} in {k}", _wander(w)) for k, w in _by_session(s)]
         if s["kind"] == "camera":
             rows.append((f"intrinsics of {name}", intrinsics))
         rows += [(f"{CORRECTED[c['name']]} of {name}", c["text"]) for c in s["corrections"]]
@@ -116,6 +117,20 @@ def _offset(sensor):
         return clock
     value, sigma = offset["value"] * MM, offset["sigma"] * MM
     return f"{text.fixed(value, 3)} ± {text.number(sigma, 2)} ms, {clock}"
+
+
+def _by_session(sensor):
+    """[(session, offset and drift)] of a sensor whose clock wanders."""
+    return sorted((sensor["time_wander"] or {}).items())
+
+
+def _wander(found):
+    """Offset in the middle of a session and drift within it, with their σ."""
+    offset, drift = found["time_offset_s"], found["drift_ppm"]
+    return (
+        f"{text.fixed(offset['value'] * MM, 3)} ± {text.number(offset['sigma'] * MM, 2)} ms in its "
+        f"middle, drift {text.number(drift['value'], 3)} ± {text.number(drift['sigma'], 2)} ppm"
+    )
 
 
 def _pose(T, covariance):

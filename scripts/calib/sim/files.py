@@ -80,7 +80,7 @@ def target_config(name, args):
 def write_config(folder, name, sessions, guesses):
     """Write config.yaml, rigs/<name>.yaml and targets/*.yaml below folder."""
     rig, args, targets = sessions[0].rig, sessions[0].args, sessions[0].mounts
-    logs = {s.name: {"rig": name, "log": log_path(s.name)} for s in sessions}
+    logs = {s.name: {"rig": name, "log": log_path(s.name), **_anew(s)} for s in sessions}
     files = {"config.yaml": {"sessions": logs, **rigs.SETTINGS.get(name, {})}}
     files[f"rigs/{name}.yaml"] = rig_config(rig, guesses, args)
     for target in targets:
@@ -89,6 +89,11 @@ def write_config(folder, name, sessions, guesses):
         path = folder / path
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(yaml.dump(content, Dumper=_Plain, sort_keys=False, default_flow_style=None))
+
+
+def _anew(session):
+    """The key of a session whose markers were mounted anew."""
+    return {} if np.array_equal(session.markers, np.eye(4)) else {"remounted": True}
 
 
 class _Plain(yaml.SafeDumper):
@@ -117,6 +122,7 @@ def truth(sessions, guesses):
         },
         "cameras": {name: _camera(rig.specs[name]) for name in rig.cameras},
         "time_offset_s": args.mcs_late_s,
+        "time_drift_ppm": args.mcs_drift_ppm,
         "targets": {name: {"T_body_target": full_pose(T)} for name, T in targets.items()},
         **({"sessions": drawn} if len(drawn) > 1 else drawn[sessions[0].name]),
     }
@@ -128,7 +134,8 @@ def _session(session):
         for start, end, pair in session.swaps
     ]
     placements = [_placement(session, k) for k in range(len(session.times))]
-    return {"placements": placements, "label_swaps": swaps}
+    markers = {"T_robot_markers": full_pose(session.markers)}
+    return {"placements": placements, "label_swaps": swaps, **markers}
 
 
 def _placement(session, k):

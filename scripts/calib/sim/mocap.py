@@ -13,9 +13,8 @@ SWAP_NS = (100_000_000, 300_000_000)  # how long two names stay swapped
 def measured(session, rng, name, t):
     """Poses (n, 4, 4) that the MCS reports at t (n,), ns: with bias and white noise along the axes
     of the body."""
-    T = session.T_world(name, t)
-    if name in session.mounts:
-        T = T @ inverse(session.mounts[name])
+    in_body = inverse(session.mounts[name]) if name in session.mounts else session.markers
+    T = session.T_world(name, t) @ in_body
     bias = motion.values_at(t, session.times, session.biases[name])
     args = session.args
     sigma = np.repeat([args.mcs_noise_m, np.deg2rad(args.mcs_noise_deg)], 3)

@@ -53,6 +53,12 @@ def perturb(rng, T, error_m, error_deg):
     return pose(t=error_m * shift) @ T @ pose(so3_exp(np.deg2rad(error_deg) * turn))
 
 
+def bumped(built, knock):
+    """The rig with its last sensor moved by a pose (4, 4) along its own axes."""
+    name = list(built.sensors)[-1]
+    return built._replace(sensors=built.sensors | {name: built.sensors[name] @ knock})
+
+
 def displacement(rng, length_m, angle_deg):
     """A pose (4, 4) of that length and angle, in random directions."""
     shift, axis = rng.standard_normal((2, 3))

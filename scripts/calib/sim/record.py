@@ -16,8 +16,9 @@ MOCAP, LIDAR, CAMERA, LOSSES = 10, 11, 12, 13  # streams of random numbers
 
 class Session(NamedTuple):
     """What a log is made of: times (n, 2) of the placements, ns; T_world_body (n, 4, 4) there of
-    robot and targets; T_body_target by target; bias (n, 6) of the MCS by body; swaps of names
-    (mocap.draw_swaps); the arguments. `number` is that of the session."""
+    robot and targets; T_body_target by target; T_robot_markers (4, 4), where the robot's MCS body
+    sits; bias (n, 6) of the MCS by body; swaps of names (mocap.draw_swaps); the arguments. `number`
+    is that of the session."""
 
     name: str
     number: int
@@ -26,6 +27,7 @@ class Session(NamedTuple):
     times: np.ndarray
     knots: dict
     mounts: dict
+    markers: np.ndarray
     biases: dict
     swaps: list
     args: object
@@ -70,6 +72,7 @@ def transforms(session):
     poses = {body: mocap.measured(session, rng, name, t) for body, name in names.items()}
     poses = mocap.swapped(poses, t, session.swaps)
     late = t + round(args.mcs_late_s * 1e9)
+    late += np.round(args.mcs_drift_ppm * 1e-6 * (t - start)).astype(np.int64)
     log_times = late + 4_000_000 + rng.integers(0, 2_000_000, len(t))
     rng = session.rng(LOSSES)
     lost = {body: mocap.lost(rng, len(t), args.mcs_dropout) for body in names}
