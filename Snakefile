@@ -77,12 +77,13 @@ rule gate:
 
 
 rule guess:
-    """Where to look: the first guess of a sensor's pose."""
+    """Where and when to look: the first guess of a sensor's pose and clock."""
     input:
         audit="results/{rig}/{session}/log.json",
-        placements=where_searched("results/{rig}/{session}/placements.parquet"),
-        frames=where_searched("results/{rig}/{session}/frames.parquet"),
-        log=lambda w: ancient(log_files(w)) if searched(w) else [],
+        mocap=where(clocks_wanted, "results/{rig}/{session}/mocap.parquet"),
+        placements=where(searched, "results/{rig}/{session}/placements.parquet"),
+        frames=where(looked_into, "results/{rig}/{session}/frames.parquet"),
+        log=lambda w: ancient(log_files(w)) if looked_into(w) else [],
         code=code("guess"),
     output:
         "results/{rig}/{session}/{sensor}/guess.json",
@@ -93,8 +94,9 @@ rule guess:
     params:
         options=guess_options,
     shell:
-        "python {input.code[0]:q} --audit {input.audit:q} --placements {input.placements:q}"
-        " --frames {input.frames:q} --output {output:q} --options {params.options:q} 2> {log:q}"
+        "python {input.code[0]:q} --audit {input.audit:q} --mocap {input.mocap:q}"
+        " --placements {input.placements:q} --frames {input.frames:q} --output {output:q}"
+        " --options {params.options:q} 2> {log:q}"
 
 
 rule crop:

@@ -91,6 +91,8 @@ def main(argv=None):
     status, rows, moving = gated if guessed.ok else guessed, [], []
     if status.ok:
         mine = tables.select(frames, frames["sensor"] == name)
+        mine = cropping.timed(mine, guess["time_offset_s"]["value"])
+        placements = cropping.trimmed(placements, guess["time_offset_s"]["sigma"])
         rows = read_views(sensor, mine, placements, guess, options)
         status = seen(name, rows) if any(s.ok for s in held(notes)) else held(notes)[0]
     if status.ok and options["crop"]["max_moving"]:

@@ -1,12 +1,13 @@
-"""Where to look: the first guess of T_robot_sensor, its uncertainty and its source.
+"""Where and when to look: the first guess of T_robot_sensor and of the sensor's clock.
 
-Reads   log.json; where something is to be found: placements.parquet, frames.parquet, and a few
-        frames of the log
-Writes  guess.json, with T_body_target of the targets whose mount is unknown
-Decides in this order: the rig's own T_robot_sensor; the log's /tf_static from the robot body's
-frame to the frame of the sensor's messages; what the sensor saw of the targets, whose poses in the
-robot frame are known. Nothing of a message is read unless it comes to the last, or a mount is
-unknown: cameras tell mounts.
+Reads   log.json; where something is to be found: mocap.parquet, placements.parquet, frames.parquet,
+        and a few frames of the log
+Writes  guess.json: both with their uncertainty and source, and T_body_target of the targets whose
+        mount is unknown
+Decides first by how much the clock is off, where what the sensor sees tells that. Then the pose, in
+this order: the rig's own T_robot_sensor, unless the robot's markers were mounted anew; the log's
+/tf_static from the robot body's frame to the frame of the sensor's messages; what the sensor saw of
+the targets, whose poses in the robot frame are known; mounts that are unknown are found by cameras.
 """
 
 from dataclasses import replace
@@ -40,17 +41,19 @@ def stated(name, sensor, options, audit):
     return ("none", Found()) if T is None else ("tf_static", Found(T, sigma))
 
 
-def find(args, options, audit):
-    """(source, Found, mounts: target -> handeye.Mount) of the first source that gives a pose."""
+def find(args, options, audit, offset):
+    """(source, Found, mounts: target -> handeye.Mount) of the first source that gives a pose;
+    offset: the guess of the sensor's clock."""
     name, sensor = options["name"], options["sensor"]
     status = Status.from_dict(audit["sensors"][name]["status"])
     if not status.ok:
         return "none", Found(status=status), {}
     source, found = stated(name, sensor, options, audit)
+    settled = found.T_robot_sensor is not None and not options["remounted"]
     unknown = any("mount" in c for c in options.get("targets", {}).values())
-    if not found.status.ok or (found.T_robot_sensor is not None and not unknown):
+    if not found.status.ok or (settled and not unknown):
         return source, found, {}
-    recording, status = opened(args, options, audit)
+    recording, status = opened(args, options, audit, offset)
     if not status.ok:
         return "none", Found(status=status), {}
     mounts = find_mounts(recording, options, audit)
@@ -60,18 +63,50 @@ def find(args, options, audit):
     if not known:
         status = next(m.status for _, m in sorted(mounts.items()))
         return "none", Found(status=in_words(status, name)), mounts
-    if found.T_robot_sensor is None:
-        source, found = "found in the data", recording.sensor(name, sensor, known)
-    if not found.status.ok:
-        source, found = "none", replace(found, status=in_words(found.status, name))
-    return source, found, mounts
+    seen = found if settled else recording.sensor(name, sensor, known)
+    if not seen.status.ok and found.T_robot_sensor is not None:
+        # Markers mounted anew: what is stated holds where they were, and may nearly hold here.
+        logger.warning("%s: %s; its stated pose is tried", name, seen.status.reason)
+        return source, found, mounts
+    if not seen.status.ok:
+        return "none", replace(seen, status=in_words(seen.status, name)), mounts
+    return source if settled else "found in the data", seen, mounts
 
 
-def opened(args, options, audit):
+def clock(args, options, audit):
+    """{value, sigma, source} of the offset of the sensor's clock, s."""
+    name, sensor = options["name"], options["sensor"]
+    told = {"value": sensor["time_offset_s"], "sigma": sensor["time_offset_sigma_s"]}
+    wanted = args.mocap and Status.from_dict(audit["sensors"][name]["status"]).ok
+    found = find_lag(args, options, audit, told) if wanted else None
+    if found is None:
+        return told | {"source": "config"}
+    logger.info("%s: its clock is off by %.2f s: %s", name, found.value, found.basis)
+    return {"value": found.value, "sigma": found.sigma, "source": found.basis}
+
+
+def find_lag(args, options, audit, told):
+    """The lag.Lag that the session tells, or None."""
+    stage.limit_threads()
+    # 0.6 s, which only a search should pay.
+    from calib import cropping, logs, mocap, tables
+    from calib.guessing import lag
+
+    logs.require_same(options["log"], audit["fingerprint"])
+    frames, _, _ = tables.read(args.frames[0], tables.FRAMES)
+    poses, _, _ = tables.read(args.mocap[0], tables.MOCAP)
+    frames = tables.select(frames, frames["sensor"] == options["name"])
+    paths = [mocap.trajectory(poses, b, options["max_gap_s"]) for b in options["bodies"]]
+    topic, log = options["sensor"]["topic"], logs.open_log(options["log"])
+    read = cropping.reader(log, topic, frames)
+    return lag.find(options["sensor"]["kind"], frames["t"], read, paths, told)
+
+
+def opened(args, options, audit, offset):
     """(Recording, status): the session, or why nothing can be found in it."""
     stage.limit_threads()
     # 0.6 s, which only a search should pay.
-    from calib import logs, tables
+    from calib import cropping, logs, tables
     from calib.guessing.recording import Recording
 
     logs.require_same(options["log"], audit["fingerprint"])
@@ -80,6 +115,8 @@ def opened(args, options, audit):
     if not status.ok or not any(s.ok for s in held):
         return None, held[0] if status.ok else status
     columns, _, _ = tables.read(args.frames[0], tables.FRAMES)
+    columns = cropping.timed(columns, offset["value"])
+    placements = cropping.trimmed(placements, offset["sigma"])
     log = logs.open_log(options["log"])
     return Recording(placements, columns, log, options["targets"], options["guess"]), OK
 
@@ -115,6 +152,7 @@ def main(argv=None):
     args = stage.parser(
         __doc__,
         audit="input log.json",
+        mocap="*input, where the clock's offset is to be found",
         placements="*input, where something is to be found",
         frames="*input, likewise",
         output="output",
@@ -122,7 +160,8 @@ def main(argv=None):
     ).parse_args(argv)
     options = args.options
     audit = stage.read_json(args.audit)
-    source, found, mounts = find(args, options, audit)
+    offset = clock(args, options, audit)
+    source, found, mounts = find(args, options, audit, offset)
     T, sigma = found.T_robot_sensor, found.sigma
     if T is None:
         sigma = rig.pose_sigma(options["guess"]["sigma"])
@@ -136,10 +175,7 @@ def main(argv=None):
             "basis": found.basis,
             "mounts": mounts_json(mounts),
             "frame": audit["sensors"][options["name"]]["frame"],
-            "time_offset_s": {
-                "value": options["sensor"]["time_offset_s"],
-                "sigma": options["sensor"]["time_offset_sigma_s"],
-            },
+            "time_offset_s": offset,
         },
     )
     told = f"{source}{': ' if found.basis else ''}{found.basis}" if T is not None else found.status

@@ -105,20 +105,21 @@ def with_motion(setup, args, sessions, options):
             tracked, _, _ = tables.read(next(files), tables.KEYPOINTS)
             tracked = tables.select(tracked, np.isin(tracked["target"], list(known)))
             if name in setup.models and len(tracked["view"]):
-                late = sessions[session][1][name]["guess"]["time_offset_s"]["value"]
+                late = clock_guess(name, sessions)["value"]
                 given = session, name, late, paths, known, options["mocap"], len(places)
                 found = tracking.seen(tracked, *given)
                 places, groups = places + found[0], groups + found[1]
     seen = sorted({g.sensor for g in groups if g.moving})
-    clock = [clocks.clock(n, clock_sigma(n, sessions)) for n in seen]
+    clock = [clocks.clock(n, clock_guess(n, sessions)["sigma"]) for n in seen]
     corrections = (*setup.corrections, *clock)
     return replace(setup, placements=places, groups=groups, corrections=corrections)
 
 
-def clock_sigma(name, sessions):
-    """σ of the first guess of a sensor's offset, s: the largest of its sessions'."""
+def clock_guess(name, sessions):
+    """The best guess of a sensor's offset, {value, sigma, source}, of all sessions: clocks may
+    wander from one to the next, but by less than guesses are off."""
     notes = [found[name] for _, found, _ in sessions.values() if name in found]
-    return max(n["guess"]["time_offset_s"]["sigma"] for n in notes)
+    return min((n["guess"]["time_offset_s"] for n in notes), key=lambda g: g["sigma"])
 
 
 def statuses(sessions, options):
@@ -127,7 +128,8 @@ def statuses(sessions, options):
     for name in options["sensors"]:
         found = [notes[name] for _, notes, _ in sessions.values() if name in notes]
         best = next((n for n in found if n["status"]["ok"]), found[0])
-        out[name] = Status.from_dict(best["status"]), best["guess"]
+        guess = best["guess"] | {"time_offset_s": clock_guess(name, sessions)}
+        out[name] = Status.from_dict(best["status"]), guess
     return out
 
 

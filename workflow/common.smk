@@ -96,22 +96,32 @@ def sensor_options(stage, w, **more):
 
 def searched(w):
     """Whether a guess may have to look into the data: the rig does not state the sensor's pose, or
-    a target not its mount."""
-    unknown = any("mount" in TARGETS[t] for t in SESSIONS[w.session]["targets"])
+    it may not hold in this session, or a target does not state its mount."""
+    session = SESSIONS[w.session]
+    unknown = session["remounted"] or any("mount" in TARGETS[t] for t in session["targets"])
     return unknown or "T_robot_sensor" not in RIGS[w.rig]["sensors"][w.sensor]
 
 
-def where_searched(pattern):
-    """Input function: the pattern where `searched`, else nothing."""
-    return lambda w: expand(pattern, rig=w.rig, session=w.session) if searched(w) else []
+def looked_into(w):
+    """Whether a guess looks into the data: for the pose, a mount or the clock."""
+    return clocks_wanted(w) or searched(w)
+
+
+def where(wanted, pattern):
+    """Input function: the pattern where that is wanted, else nothing."""
+    return lambda w: expand(pattern, rig=w.rig, session=w.session) if wanted(w) else []
 
 
 def guess_options(w):
     """Targets, cameras and log only where they may be needed: else no edit of theirs re-runs it."""
-    session, more = SESSIONS[w.session], {}
+    session = SESSIONS[w.session]
+    more = {"remounted": session["remounted"]}
+    targets = {t: TARGETS[t] for t in session["targets"]}
+    if looked_into(w):
+        bodies = [RIGS[w.rig]["body"], *sorted({t["body"] for t in targets.values()})]
+        more |= {"log": session["log"], "bodies": bodies, "max_gap_s": max_gap(w)}
     if searched(w):
-        targets = {t: TARGETS[t] for t in session["targets"]}
-        more = {"targets": targets, "log": session["log"], "cameras": {}}
+        more |= {"targets": targets, "cameras": {}}
         if any("mount" in t for t in targets.values()):
             sensors = {s: RIGS[w.rig]["sensors"][s] for s in session["sensors"]}
             more["cameras"] = {s: c for s, c in sensors.items() if c["kind"] == "camera"}
@@ -121,13 +131,13 @@ def guess_options(w):
 def crop_options(w):
     session = SESSIONS[w.session]
     targets = {t: TARGETS[t] for t in session["targets"]}
-    crop = CONFIG["crop"] | ({} if clocks_wanted() else {"max_moving": 0})
+    crop = CONFIG["crop"] | ({} if clocks_wanted(w) else {"max_moving": 0})
     more = {"crop": crop, "body": RIGS[w.rig]["body"], "max_gap_s": max_gap(w)}
     return sensor_options("crop", w, targets=targets, log=session["log"], **more)
 
 
-def clocks_wanted():
-    """Whether the solve asks for views of targets in motion."""
+def clocks_wanted(w):
+    """Whether the offsets of the clocks are to be found."""
     return CONFIG["solve"]["estimate"]["time_offset"] == "auto"
 
 

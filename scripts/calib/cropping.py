@@ -3,7 +3,9 @@
 import numpy as np
 
 from calib import clouds, geometry, images, rig, tables, views
+from calib.mocap import NS
 
+TRIMMED_S = 0.05  # σ of a clock that the ends which gate cuts off the rests are enough for
 SPARE = 1.5  # of max_placements: what is kept, for some may prove to be out of view
 
 
@@ -80,14 +82,28 @@ def placed(placements, mounts):
     return T_robot_body @ np.reshape(T_body_target, (-1, 4, 4))
 
 
+def timed(frames, offset):
+    """Columns of frames.parquet with `seen`, stamps on the clock of the MCS, ns; offset, s."""
+    return frames | {"seen": np.asarray(frames["t"]) + round(offset * NS)}
+
+
+def trimmed(placements, sigma):
+    """The placements with both ends of each still one moved in, for clocks that are told no better
+    than to sigma, s; by a third of it at most."""
+    length = np.asarray(placements["end"]) - placements["start"]
+    inside = round(2 * max(0.0, sigma - TRIMMED_S) * NS)
+    inside = np.where(placements["kind"] == "still", np.minimum(inside, length // 3), 0)
+    return placements | {"start": placements["start"] + inside, "end": placements["end"] - inside}
+
+
 def considered(frames, placements, name):
-    """Placement (n,) of one target that each frame lies in, or -1."""
+    """Placement (n,) of one target that each frame (timed) lies in, or -1."""
     rows = np.flatnonzero((placements["target"] == name) & (placements["kind"] == "still"))
     if len(rows) == 0:
-        return np.full(len(frames["t"]), -1)
+        return np.full(len(frames["seen"]), -1)
     start, end = placements["start"][rows], placements["end"][rows]
-    at = np.searchsorted(start, frames["t"], "right") - 1
-    return np.where((at >= 0) & (frames["t"] <= end[at]), rows[at], -1)
+    at = np.searchsorted(start, frames["seen"], "right") - 1
+    return np.where((at >= 0) & (frames["seen"] <= end[at]), rows[at], -1)
 
 
 def choose(sensor, target, placement, T_robot_target, T_robot_sensor, margin, options):
@@ -117,7 +133,8 @@ def choose(sensor, target, placement, T_robot_target, T_robot_sensor, margin, op
 
 
 def rows(sensor, shapes, frames, placements, poses, margin, message_of, options):
-    """Rows of views.parquet of one sensor; message_of(i) reads a frame, once for all targets.
+    """Rows of views.parquet of one sensor's frames (timed); message_of(i) reads one, once for all
+    targets.
 
     poses: T_robot_target (k, 4, 4) of every placement, and the guess T_robot_sensor (4, 4), which
     may be wrong by margin (6,).
@@ -128,14 +145,14 @@ def rows(sensor, shapes, frames, placements, poses, margin, message_of, options)
         reason = choose(sensor, target, placement, *poses, margin, options)
         plan[name] = target, placement, reason
     out = []
-    for i, t in enumerate(frames["t"]):
+    for i, (t, seen) in enumerate(zip(frames["t"], frames["seen"], strict=True)):
         wanted = any(reason[i] == "" for _, _, reason in plan.values())
         message = message_of(i) if wanted else None
         for name, (target, placement, reason) in plan.items():
             k, why, payload = placement[i], reason[i], sensor.nothing()
             if not why:
                 span = placements["start"][k], placements["end"][k]
-                payload, why = sensor.cut(message, t, span, target, T_sensor_target[k], margin)
+                payload, why = sensor.cut(message, seen, span, target, T_sensor_target[k], margin)
             about = {"t": t, "target": name, "placement": k, "kept": not why, "reason": why}
             out.append(about | payload)
     return out

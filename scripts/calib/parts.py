@@ -90,8 +90,12 @@ class Part:
 
     def by_unknowns(self, D):
         """(m, p) Σ w Dᵀ ∂r/∂x of derivatives D (p, k, n) by other numbers, x its own unknowns."""
-        out = self.A.T @ self._by_pose(D)
+        C = self._by_pose(D)
         own = np.einsum("qkn,pkn->qp", self.D * self.weight, D, optimize=True)
+        if self.spread is not None:
+            own = own - self._by_pose(self.D).T @ self._free @ C
+            C = C - self._plain[0] @ self._free @ C
+        out = self.A.T @ C
         return np.concatenate([out[: len(out) - len(own)], own])
 
     @cached_property

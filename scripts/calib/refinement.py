@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib import crossvalidation, estimation, hypotheses, intrinsics, suspicion, wander
+from calib import considered, crossvalidation, estimation, hypotheses, intrinsics, suspicion, wander
 from calib.information import covariance
 
 SURE = 1e-5  # chance of so good an explanation where nothing is wrong, below which it is taken in
+LIKELY = 1e-3  # the same of what is likely beforehand
 MOST = 4  # times that something is taken in
 NAMES = {  # of hypotheses, by key of solve.estimate
     "beams": ("beams", "range_bias", "beam_width", "apart"),
@@ -35,12 +36,12 @@ def estimate(setup, T_robot_sensor, wanted, moving=None, **limits):
         result = estimation.estimate(setup, T_robot_sensor, **limits)
     setup, result, suspected = _asked_for(setup, result, wanted, limits)
     if moving is None or not (wider := moving(setup)).groups:
-        return setup, result, suspected
+        return setup, considered.widened(setup, result), suspected
     result = estimation.resume(wider, (setup, result), **limits)
     setup = wander.allowed(wider, result)
     if setup is not wider:
         result = estimation.resume(setup, (wider, result), **limits)
-    return setup, result, suspicion.suspicions(setup, result)
+    return setup, considered.widened(setup, result), suspicion.suspicions(setup, result)
 
 
 def _asked_for(setup, result, wanted, limits):
@@ -79,11 +80,18 @@ def _from_the_start(setup, wanted):
 
 def _widened(setup, suspected, names):
     """The Setup with what is suspected beyond doubt, and may be estimated, among its unknowns."""
-    known = {(s["name"], s["of"]) for s in suspected if s["chance"] < SURE}
+    known = {(s["name"], s["of"]) for s in suspected if s["chance"] < _sure(setup, s)}
     for h in hypotheses.all_of(setup):
         if h.name in names and (h.name, h.of) in known:
             setup = h.estimated(setup) or setup
     return setup
+
+
+def _sure(setup, suspected):
+    """Chance below which something is taken in: of lidars whose beams err one by one, that all of
+    them do is likely beforehand."""
+    beams = setup.span("beams", suspected["of"]) is not None
+    return LIKELY if suspected["name"] == "range_bias" and beams else SURE
 
 
 def corrections(setup, result, sensor):

@@ -10,7 +10,7 @@ from calib.hypotheses.words import DEGREES, MM, PERCENT, by, vector, way
 from calib.hypothesis import METRE, Hypothesis, differences
 
 RELATIVE, PIXEL = 1e-6, 1e-4  # steps of the finite differences
-EDGES, RETURNS = ("edge",), ("surface",)
+EDGES, RETURNS = ("edge",), ("surface", "cap")
 APART = np.repeat([0.03, np.radians(1.0)], 3)  # m, rad: σ between two views of one instrument
 FEW = 50  # returns of a beam, below which it is not looked at alone
 
@@ -108,33 +108,36 @@ def beams(setup):
             continue
         # Of numbers that sum to zero over all returns.
         basis = null_space(counts[np.isin(numbers, rings)][None].astype(float))
+        yield _of_beams(name, rings, basis, np.full(len(rings) - 1, lidar.beam_range_sigma))
 
-        def derivative(view, rings=rings, basis=basis):
-            share = basis.T @ (view.group.keypoints["index"] == rings[:, None])
-            return view.by_range * share[:, None]
 
-        def told(theta, sigma, name=name, rings=rings, basis=basis):
-            off, spread = basis @ theta, np.sqrt(basis**2 @ sigma**2)
-            worst = np.abs(off).argmax()
-            return (
-                f"single beams of {name} read long or short: beam {rings[worst]} is "
-                f"{by(off[worst], spread[worst], MM, 'mm')} "
-                f"{way(off[worst], 'longer', 'shorter')} than the mean of all, rms of all "
-                f"{MM * np.sqrt(np.mean(off**2)):.2g} mm"
-            )
+def _of_beams(name, rings, basis, sigma):
+    """The Hypothesis that the ranges of rings (n,) are too long by basis (n, q) times θ, m."""
+    remedy = f"correct the ranges of {name} beam by beam, or let it warm up before recording"
 
-        def longer(lidar, theta, placement, rings=rings, basis=basis):
-            offsets = np.zeros(rings.max() + 1)
-            offsets[: len(lidar.range_offsets)] = lidar.range_offsets
-            offsets[rings] += basis @ theta
-            return replace(lidar, range_offsets=tuple(offsets.tolist()))
+    def derivative(view):
+        share = basis.T @ (view.group.keypoints["index"] == rings[:, None])
+        return view.by_range * share[:, None]
 
-        remedy = f"correct the ranges of {name} beam by beam, or let it warm up before recording"
-        size = len(rings) - 1
-        sigma = np.full(size, lidar.beam_range_sigma)
-        yield Hypothesis(
-            "beams", name, True, RETURNS, size, derivative, told, remedy, sigma, longer
+    def told(theta, sigma):
+        off, spread = basis @ theta, np.sqrt(basis**2 @ sigma**2)
+        worst = np.abs(off).argmax()
+        return (
+            f"single beams of {name} read long or short: beam {rings[worst]} is "
+            f"{by(off[worst], spread[worst], MM, 'mm')} "
+            f"{way(off[worst], 'longer', 'shorter')} than the mean of all, rms of all "
+            f"{MM * np.sqrt(np.mean(off**2)):.2g} mm"
         )
+
+    def longer(lidar, theta, placement):
+        offsets = np.zeros(max(rings.max() + 1, len(lidar.range_offsets)))
+        offsets[: len(lidar.range_offsets)] = lidar.range_offsets
+        offsets[rings] += basis @ theta
+        return replace(lidar, range_offsets=tuple(offsets.tolist()))
+
+    return Hypothesis(
+        "beams", name, True, RETURNS, len(sigma), derivative, told, remedy, sigma, longer
+    )
 
 
 def widths(setup):
