@@ -189,6 +189,8 @@ def refined(made):
 def test_clocks_that_wander_are_found_with_drift_and_offset_of_every_session():
     made, result = refined(recorded(0.02, views=40, later=0.004, ppm=300.0))
     assert result.settled
+    seen = [a for g, a in zip(made.groups, result.assigned, strict=True) if g.moving]
+    assert np.mean(np.concatenate([a.feature >= 0 for a in seen])) > 0.95
     guess = {"time_offset_s": {"value": 0.1, "sigma": 0.1}}
     for name in ("camera", "lidar"):
         found = wander.told(name, made, result, guess)

@@ -180,6 +180,7 @@ def carried(setup, before, factor):
         noise=new.noise | {k: v for k, v in state.noise.items() if k in new.noise},
         mocap=state.mocap,
         theta=theta,
+        wander=state.wander if len(state.wander) == len(new.wander) else new.wander,
         fits=followed(setup, theta),
     )
 
