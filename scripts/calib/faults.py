@@ -1,0 +1,124 @@
+"""What is wrong with the poses of a body as motion capture sent them, by rule."""
+
+import numpy as np
+
+NS = 1_000_000_000
+NORM = 0.01  # by which a quaternion may be off unit
+MOST_MPS, MOST_RADPS = 15.0, 30.0  # no body that is carried or drives moves faster
+JUMP_M, JUMP_RAD = 0.05, 0.2  # by which noise and late stamps may add to that
+APART_NS = 500_000_000  # a body unseen for longer may be anywhere
+FROZEN_NS, FROZEN = 50_000_000, 3  # a pose that is sent again for so long, and so many times
+FROZEN_TO_END_NS = 500_000_000
+STEP_M, STEP_RAD = 1e-3, 5e-3  # a body that was lost moved on by more when it is seen again
+BURST, LATE = 0.2, 1.5  # of the usual period: stamps of messages that waited for each other
+
+
+def of(t, xyz, quat):
+    """What is wrong with each pose of one body in log order ("" = nothing), (n,) of str."""
+    out = np.full(len(t), "", dtype="U24")
+    if len(t) == 0:
+        return out
+    norm = np.linalg.norm(quat, axis=1)
+    newest = np.maximum.accumulate(np.concatenate([[np.iinfo(np.int64).min], t[:-1]]))
+    out[t <= newest] = "stamp not increasing"
+    out[np.abs(norm - 1) > NORM] = "quaternion not unit"
+    # A body at the origin all the time is a choice of frames; one that drops there was lost.
+    lost = (xyz == 0).all(1) & ((quat == 0).all(1) | (np.abs(quat) == [0, 0, 0, 1]).all(1))
+    out[lost & ~lost.all()] = "zeros"
+    out[~(np.isfinite(xyz).all(1) & np.isfinite(quat).all(1))] = "not a number"
+    for name, rule in (("frozen", _frozen), ("stamp in a burst", _burst), ("jump", _jump)):
+        fine = np.flatnonzero(out == "")
+        if len(fine) > 2:
+            out[fine[rule(t[fine], xyz[fine], quat[fine])]] = name
+    return out
+
+
+def _steps(xyz, quat, first, second):
+    """Distances, m, and angles, rad, between poses by their numbers."""
+    turn = np.abs((quat[first] * quat[second]).sum(-1))
+    length = np.linalg.norm(quat[first], axis=-1) * np.linalg.norm(quat[second], axis=-1)
+    angle = 2 * np.arccos(np.minimum(turn / length, 1.0))
+    return np.linalg.norm(xyz[second] - xyz[first], axis=-1), angle
+
+
+def _frozen(t, xyz, quat):
+    """Poses that repeat the one before to the last digit while the body moved on: it is elsewhere
+    as soon as it is seen again. One that repeats because nothing moves is right as it is."""
+    same = (np.diff(np.column_stack([xyz, quat]), axis=0) == 0).all(1)
+    edges = np.diff(np.concatenate([[False], same, [False]]).astype(int))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    long = (ends - starts >= FROZEN) & (t[ends] - t[starts] >= FROZEN_NS)
+    runs = list(zip(starts[long].tolist(), ends[long].tolist(), strict=True))
+    lost = [r for r in runs if r[1] < len(t) - 1 and _elsewhere(xyz, quat, *r)]
+    # Motion capture with noise never repeats itself at rest; so at the end it lost the body.
+    last = runs[-1] if runs else None
+    if last and runs == [*lost, last] and last[1] == len(t) - 1:
+        lost += [last] if t[last[1]] - t[last[0]] >= FROZEN_TO_END_NS else []
+    out = np.zeros(len(t), bool)
+    for first, end in lost:
+        out[first + 1 : end + 1] = True
+    return out
+
+
+def _elsewhere(xyz, quat, first, last):
+    """Whether the pose after a run of equal ones is further off than bodies were going."""
+    far, turned = _steps(xyz, quat, last, last + 1)
+    near = [(first - 1, first)] if first else []
+    near += [(last + 1, last + 2)] if last + 2 < len(xyz) else []
+    around = np.array([_steps(xyz, quat, *pair) for pair in near]).reshape(-1, 2)
+    most = around.max(0, initial=0.0)
+    return far > max(STEP_M, 3 * most[0]) or turned > max(STEP_RAD, 3 * most[1])
+
+
+def _burst(t, xyz, quat):
+    """Poses stamped late, as they waited for the last of their burst, which alone came in time."""
+    step = np.diff(t)
+    usual = np.median(step)
+    close = np.append(step < BURST * usual, False)
+    out, waited = np.zeros(len(t), bool), False
+    for i in np.flatnonzero(close).tolist():
+        after_gap = i > 0 and step[i - 1] > LATE * usual
+        waited = after_gap or (waited and i > 0 and close[i - 1])
+        out[i] = waited
+    return out
+
+
+def _jump(t, xyz, quat):
+    """Poses of the parts of a track that no body can have got to: another's under its name, or a
+    wrong fit of the markers. Of each stretch without a gap the place with the most poses holds."""
+    dt = np.diff(t)
+    far, turned = _steps(xyz, quat, slice(None, -1), slice(1, None))
+    seconds = dt / NS
+    jump = (far > JUMP_M + MOST_MPS * seconds) | (turned > JUMP_RAD + MOST_RADPS * seconds)
+    out = np.zeros(len(t), bool)
+    apart = np.flatnonzero(dt > APART_NS) + 1
+    for stretch in np.split(np.arange(len(t)), apart):
+        cuts = np.flatnonzero(jump[stretch[:-1]]) + 1
+        if len(cuts):
+            parts = np.split(stretch, cuts)
+            place = _places(parts, xyz, quat)
+            poses = np.bincount(place, [len(p) for p in parts])
+            for part, where in zip(parts, place, strict=True):
+                out[part] = where != poses.argmax()
+    return out
+
+
+def _places(parts, xyz, quat):
+    """A number for each part of a track, the same where one goes on from where the other was."""
+    place, ends = [], []
+    for part in parts:
+        first = part[0]
+        steps = [_apart(xyz, quat, end, first) for end in ends]
+        nearest = int(np.argmin(steps)) if steps else -1
+        came = _apart(xyz, quat, first - 1, first) if place else 0.0
+        if nearest < 0 or steps[nearest] > came / 2:
+            nearest = len(ends)
+            ends.append(None)
+        ends[nearest] = part[-1]
+        place.append(nearest)
+    return place
+
+
+def _apart(xyz, quat, first, second):
+    """How far two poses are from each other, a metre like a radian."""
+    return float(np.sum(_steps(xyz, quat, first, second)))
