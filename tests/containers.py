@@ -270,6 +270,7 @@ def rosbag2(folder, rows, plugin, compression=CompressionMode.NONE):
 def bag(path, rows, compression=None):
     """A bag of ROS 1."""
     writer = BagWriter(path)
+    writer.chunk_threshold = 2000
     if compression:
         writer.set_compression(compression)
     with writer:

@@ -3,6 +3,7 @@
 import numpy as np
 
 NS = 1_000_000_000
+MOST_M = 1e5  # no map is as large
 NORM = 0.01  # by which a quaternion may be off unit
 MOST_MPS, MOST_RADPS = 15.0, 30.0  # no body that is carried or drives moves faster
 JUMP_M, JUMP_RAD = 0.05, 0.2  # by which noise and late stamps may add to that
@@ -18,19 +19,38 @@ def of(t, xyz, quat):
     out = np.full(len(t), "", dtype="U24")
     if len(t) == 0:
         return out
-    norm = np.linalg.norm(quat, axis=1)
-    newest = np.maximum.accumulate(np.concatenate([[np.iinfo(np.int64).min], t[:-1]]))
-    out[t <= newest] = "stamp not increasing"
-    out[np.abs(norm - 1) > NORM] = "quaternion not unit"
-    # A body at the origin all the time is a choice of frames; one that drops there was lost.
-    lost = (xyz == 0).all(1) & ((quat == 0).all(1) | (np.abs(quat) == [0, 0, 0, 1]).all(1))
-    out[lost & ~lost.all()] = "zeros"
-    out[~(np.isfinite(xyz).all(1) & np.isfinite(quat).all(1))] = "not a number"
+    out[_stamps(t)] = "stamp not increasing"
+    single = alone(xyz, quat)
+    out[single != ""] = single[single != ""]
     for name, rule in (("frozen", _frozen), ("stamp in a burst", _burst), ("jump", _jump)):
         fine = np.flatnonzero(out == "")
         if len(fine) > 2:
             out[fine[rule(t[fine], xyz[fine], quat[fine])]] = name
     return out
+
+
+def alone(xyz, quat):
+    """What is wrong with each pose of one body whatever its time, (n,) of str."""
+    out = np.full(len(xyz), "", dtype="U24")
+    with np.errstate(over="ignore"):
+        norm = np.linalg.norm(quat, axis=1)
+    out[np.abs(norm - 1) > NORM] = "quaternion not unit"
+    # A body at the origin all the time is a choice of frames; one that drops there was lost.
+    lost = (xyz == 0).all(1) & ((quat == 0).all(1) | (np.abs(quat) == [0, 0, 0, 1]).all(1))
+    out[lost & ~lost.all()] = "zeros"
+    out[(np.abs(xyz) > MOST_M).any(1)] = "out of range"
+    out[~(np.isfinite(xyz).all(1) & np.isfinite(quat).all(1))] = "not a number"
+    return out
+
+
+def _stamps(t):
+    """Stamps (n,) that are no later than one before; or that run ahead, as time goes on from the
+    one before as if they had not been."""
+    ahead = np.zeros(len(t), bool)
+    ahead[1:-1] = (t[1:-1] > t[2:]) & (t[2:] > t[:-2])
+    least = np.iinfo(np.int64).min
+    newest = np.maximum.accumulate(np.concatenate([[least], np.where(ahead, least, t)[:-1]]))
+    return ahead | (t <= newest)
 
 
 def _steps(xyz, quat, first, second):

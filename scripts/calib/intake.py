@@ -52,7 +52,7 @@ class Recording:
             self.frames.append((name, -1 if t is None else t, *place))
 
     def _static(self, message):
-        for pose in mcs.TYPES[message.type](message.content):
+        for pose in mcs.poses(message):
             edge = pose.parent, pose.body
             self.static[edge] = {"xyz_m": list(pose.xyz), "quat_xyzw": list(pose.quat)}
 

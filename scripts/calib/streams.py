@@ -8,7 +8,7 @@ from array import array
 
 import numpy as np
 
-from calib import geometry, mcs
+from calib import faults, geometry, mcs
 
 FAR_M = 50.0  # no motion capture sees as far: it sends millimetres
 PLANE, SPREAD_M, TURN_RAD = 0.1, 0.2, 0.5  # of a body that drives and turns on a floor
@@ -51,7 +51,7 @@ class Streams:
     def take(self, message):
         """Add what a message of motion capture says; raises InputError where it cannot be read."""
         named = self.names.get(message.topic)
-        for pose in mcs.TYPES[message.type](message.content):
+        for pose in mcs.poses(message):
             body = pose.body if pose.several else named or pose.body or message.topic
             parent = pose.parent or self.map
             self.parents.setdefault(body, set()).add(parent)
@@ -89,16 +89,16 @@ def standard(edges):
 
 def _distance(xyz):
     """Median distance of positions to the origin, zeros and what is no number left out."""
-    far = np.linalg.norm(xyz, axis=1)
-    far = far[np.isfinite(far) & (far > 0)]
+    sane = (np.abs(xyz) < 1e3 * faults.MOST_M).all(1)  # neither NaN nor a wrong bit
+    far = np.linalg.norm(xyz[sane], axis=1)
+    far = far[far > 0]
     return float(np.median(far)) if len(far) else 0.0
 
 
 def _turning(xyz, quat):
     """How well the axis about which a body turns while it drives on a floor fits the floor's
     normal (cosines), its quaternions read as xyzw and as wxyz; None of one that does not."""
-    norm = np.linalg.norm(quat, axis=1)
-    fine = np.flatnonzero(np.isfinite(xyz).all(1) & (np.abs(norm - 1) < 0.01))
+    fine = np.flatnonzero(faults.alone(xyz, quat) == "")
     fine = fine[:: max(1, len(fine) // LOOKED_AT)]
     if len(fine) < 10:
         return None

@@ -6,7 +6,7 @@ from collections import Counter
 from calib.logs import mcap_index
 from calib.logs.message import Message
 from calib.logs.types import Types, full_name
-from calib.status import InputError
+from calib.status import InputError, in_a_line
 
 WITHOUT = "without schema"
 
@@ -33,8 +33,8 @@ class McapLog:
     def faults(self):
         """What of the files could not be read, in words, as far as was met up to now."""
         counts = Counter(file for file, _ in self._damaged)
-        met = [f"{self.files[n].name}: {k} damaged chunks" for n, k in sorted(counts.items())]
-        return self._faults + [f"{words} were left out" for words in met]
+        met = [(self.files[n].name, k) for n, k in sorted(counts.items())]
+        return self._faults + [f"{name}: damaged chunks left out: {k}" for name, k in met]
 
     def _register(self, index):
         """{channel: (topic, Codec)} of one file; its topics and types join the log's."""
@@ -89,7 +89,7 @@ class McapLog:
             with mcap_index.File(path) as stream:
                 records = mcap_index.messages(stream, piece)
         except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error})") from error
+            raise InputError(f"{path}: cannot be read ({in_a_line(error)})") from error
         except Exception:  # whatever the library makes of a damaged chunk
             self._damaged.add((piece.file, piece.offset))
             return []

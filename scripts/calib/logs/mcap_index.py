@@ -11,7 +11,7 @@ from mcap.records import Channel, Chunk, DataEnd, Message, Schema
 from mcap.stream_reader import MAGIC_SIZE, StreamReader, breakup_chunk
 
 from calib.logs import unpacking
-from calib.status import InputError
+from calib.status import InputError, in_a_line
 
 LOOSE = 1 << 20  # bytes of messages outside of chunks that are read at a time
 NS = 1e9
@@ -74,12 +74,13 @@ def read(path):
             reader = SeekingReader(stream, record_size_limit=stream.size)
         except Exception as error:  # whatever the library makes of foreign bytes
             raise InputError(
-                f"{path}: not a readable MCAP file ({_short(error)}); run `mcap doctor {path.name}`"
+                f"{path}: not a readable MCAP file ({in_a_line(error)}); "
+                f"run `mcap doctor {path.name}`"
             ) from error
         try:
             found = _of_summary(reader.get_summary())
         except Exception as error:
-            found, fault = None, _short(error)
+            found, fault = None, in_a_line(error)
         else:
             fault = ""
         return found or _scanned(stream, path, fault)
@@ -160,10 +161,10 @@ def _scanned(stream, path, fault):
             except Exception:  # whatever the library makes of a damaged chunk
                 damaged += 1
     except Exception as error:
-        why = _short(error)
+        why = in_a_line(error)
     faults = []
     if damaged:
-        faults.append(f"{damaged} damaged chunks were left out")
+        faults.append(f"damaged chunks left out: {damaged}")
     if why:
         faults.append(
             f"breaks off after byte {at} of {stream.size} ({why}), as when the recorder was "
@@ -219,7 +220,3 @@ def _extend(found, piece):
         end=max(last.end, piece.end),
         length=piece.offset + piece.length - last.offset,
     )
-
-
-def _short(error):
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:200]

@@ -7,7 +7,7 @@ from rosbags.interfaces import MessageDefinitionFormat
 
 from calib.logs.message import Message
 from calib.logs.types import Types, full_name
-from calib.status import InputError
+from calib.status import InputError, in_a_line
 
 FORMS = {MessageDefinitionFormat.MSG: "ros2msg", MessageDefinitionFormat.IDL: "ros2idl"}
 NS = 1e9
@@ -58,7 +58,7 @@ class RosbagsLog:
             after = 0.0 if last is None else (last - self.start) / NS
             self.faults.append(
                 f"{self.files[number].name}: breaks off {after:.1f} s after the log's start "
-                f"({type(error).__name__}: {error})"
+                f"({in_a_line(error)})"
             )
 
     def _read(self, number, topics, start, end):
@@ -85,8 +85,7 @@ def opened(files, kind, remedy):
             reader.open()
         except Exception as error:  # whatever the library makes of foreign bytes
             raise InputError(
-                f"{path}: cannot be read ({type(error).__name__}: {error}); "
-                f"{remedy.format(path.name)}"
+                f"{path}: cannot be read ({in_a_line(error)}); {remedy.format(path.name)}"
             ) from error
         out.append((path, reader))
     return out

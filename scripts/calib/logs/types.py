@@ -7,7 +7,7 @@ from functools import cache, cached_property
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from calib.logs import unpacking
-from calib.status import InputError
+from calib.status import InputError, in_a_line
 
 NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
 HEADER = "std_msgs/msg/Header"
@@ -88,7 +88,7 @@ class Types:
             store.register({k: v for k, v in types.items() if k not in known})
         except Exception as error:  # whatever the parser makes of foreign text
             raise InputError(
-                f"{self.where}: the definition of {name} cannot be read ({_short(error)})"
+                f"{self.where}: the definition of {name} cannot be read ({in_a_line(error)})"
             ) from error
         known.update(types)
 
@@ -148,10 +148,5 @@ class Codec:
 
     def _unreadable(self, error):
         return InputError(
-            f"{self.types.where}: a message of {self.type} cannot be read ({_short(error)})"
+            f"{self.types.where}: a message of {self.type} cannot be read ({in_a_line(error)})"
         )
-
-
-def _short(error):
-    """An error in a line."""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:200]

@@ -8,7 +8,7 @@ from pathlib import Path
 import zstandard
 from lz4.frame import LZ4FrameDecompressor
 
-from calib.status import InputError
+from calib.status import InputError, in_a_line
 
 LARGEST = 1 << 30  # bytes of a chunk or a message, unpacked
 SPARE = 1 << 30  # bytes of the disk that unpacking a file leaves free
@@ -74,7 +74,7 @@ def _file(path, folder):
                 out.write(block)
     except (zstandard.ZstdError, OSError, TooLarge) as error:
         raise InputError(
-            f"{path}: cannot be unpacked in {folder.parent} ({error}); "
+            f"{path}: cannot be unpacked in {folder.parent} ({in_a_line(error)}); "
             f"set TMPDIR to a larger disk, or unpack it by hand with `zstd -d`"
         ) from error
     return target

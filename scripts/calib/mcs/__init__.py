@@ -5,6 +5,7 @@ line in TYPES.
 """
 
 from calib.mcs import arrays, stamped, transforms, vicon
+from calib.status import InputError, in_a_line
 
 TYPES = {
     "tf2_msgs/msg/TFMessage": transforms.message,
@@ -18,3 +19,13 @@ TYPES = {
     "vicon_receiver/msg/Position": vicon.position,
     "vicon_msgs/msg/Position": vicon.position,
 }
+
+
+def poses(message):
+    """The Poses of a Message of one of TYPES; raises InputError where it cannot be read."""
+    try:
+        return TYPES[message.type](message.content)
+    except (AttributeError, TypeError) as error:
+        raise InputError(
+            f"a message of {message.type} has other fields than that type ({in_a_line(error)})"
+        ) from error
