@@ -10,6 +10,7 @@ JUMP_M, JUMP_RAD = 0.05, 0.2  # by which noise and late stamps may add to that
 APART_NS = 500_000_000  # a body unseen for longer may be anywhere
 FROZEN_NS, FROZEN = 50_000_000, 3  # a pose that is sent again for so long, and so many times
 FROZEN_TO_END_NS = 500_000_000
+STEPS = 10  # before a pose that tell how a body moved
 STEP_M, STEP_RAD = 1e-3, 5e-3  # a body that was lost moved on by more when it is seen again
 BURST, LATE = 0.2, 1.5  # of the usual period: stamps of messages that waited for each other
 
@@ -70,10 +71,10 @@ def _frozen(t, xyz, quat):
     long = (ends - starts >= FROZEN) & (t[ends] - t[starts] >= FROZEN_NS)
     runs = list(zip(starts[long].tolist(), ends[long].tolist(), strict=True))
     lost = [r for r in runs if r[1] < len(t) - 1 and _elsewhere(xyz, quat, *r)]
-    # Motion capture with noise never repeats itself at rest; so at the end it lost the body.
-    last = runs[-1] if runs else None
-    if last and runs == [*lost, last] and last[1] == len(t) - 1:
-        lost += [last] if t[last[1]] - t[last[0]] >= FROZEN_TO_END_NS else []
+    # Of a body that is not seen again, only its last steps tell whether it came to rest.
+    last = runs[-1] if runs else (0, 0)
+    if last[1] == len(t) - 1 and t[last[1]] - t[last[0]] >= FROZEN_TO_END_NS:
+        lost += [last] if _under_way(xyz, quat, last[0]) else []
     out = np.zeros(len(t), bool)
     for first, end in lost:
         out[first + 1 : end + 1] = True
@@ -88,6 +89,15 @@ def _elsewhere(xyz, quat, first, last):
     around = np.array([_steps(xyz, quat, *pair) for pair in near]).reshape(-1, 2)
     most = around.max(0, initial=0.0)
     return far > max(STEP_M, 3 * most[0]) or turned > max(STEP_RAD, 3 * most[1])
+
+
+def _under_way(xyz, quat, last):
+    """Whether a body, or its noise, was no slower in the step to a pose than in those before."""
+    if last < STEPS:
+        return False
+    before = np.arange(last - STEPS, last)
+    far, turned = _steps(xyz, quat, before, before + 1)
+    return far[-1] > np.median(far) / 2 or turned[-1] > np.median(turned) / 2
 
 
 def _burst(t, xyz, quat):

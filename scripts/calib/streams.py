@@ -81,9 +81,13 @@ def standard(edges):
         words.append(f"millimetres, taken as such: bodies are {far:.0f} from the origin")
         edges = {k: c | {"xyz": c["xyz"] / 1000} for k, c in edges.items()}
     turns = [t for c in edges.values() if (t := _turning(c["xyz"], c["quat"])) is not None]
-    if turns and all(as_sent < ACROSS and turned > ALONG for as_sent, turned in turns):
+    if turns and all(as_sent < ACROSS and turned > ALONG for as_sent, turned, _ in turns):
         words.append("quaternions as wxyz, taken as such: as xyzw a body would roll as it drives")
         edges = {k: c | {"quat": np.roll(c["quat"], -1, axis=1)} for k, c in edges.items()}
+    if turns and all(abs(normal[1]) > ALONG for *_, normal in turns):
+        words.append(
+            "the y axis of the map points up: bodies drive across it; no result depends on it"
+        )
     return edges, words
 
 
@@ -97,7 +101,8 @@ def _distance(xyz):
 
 def _turning(xyz, quat):
     """How well the axis about which a body turns while it drives on a floor fits the floor's
-    normal (cosines), its quaternions read as xyzw and as wxyz; None of one that does not."""
+    normal (cosines), its quaternions read as xyzw and as wxyz, and that normal (3,); None of a body
+    that does not."""
     fine = np.flatnonzero(faults.alone(xyz, quat) == "")
     fine = fine[:: max(1, len(fine) // LOOKED_AT)]
     if len(fine) < 10:
@@ -110,7 +115,7 @@ def _turning(xyz, quat):
     turned = [_axis(q) for q in readings]
     if any(a is None for a in turned):
         return None
-    return tuple(abs(float(a @ axes[2])) for a in turned)
+    return *(abs(float(a @ axes[2])) for a in turned), axes[2]
 
 
 def _axis(quat):

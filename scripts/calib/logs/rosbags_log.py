@@ -33,6 +33,9 @@ class RosbagsLog:
         """{id of a connection: Codec} of one file; its topics and types join the log's."""
         out = {}
         for c in reader.connections:
+            # SQLite keeps in a column whatever it is given.
+            if not all(isinstance(text, str) for text in (c.topic, c.msgtype, c.msgdef.data)):
+                raise InputError(f"{self.files[0]}: its table of topics is damaged")
             name = full_name(c.msgtype)
             self._types.define(name, FORMS.get(c.msgdef.format), c.msgdef.data)
             kind, before = self.topics.get(c.topic, (name, 0))
@@ -50,9 +53,9 @@ class RosbagsLog:
         try:
             for connection, log_t, data in self._read(number, topics, start, end):
                 if log_t != last:
-                    seen, last = Counter(), log_t
+                    seen, last = Counter(), int(log_t)
                 topic, codec = connection.topic, self._codecs[number][connection.id]
-                yield Message(topic, number, log_t, seen[topic], data, codec)
+                yield Message(topic, number, last, seen[topic], bytes(data), codec)
                 seen[topic] += 1
         except Exception as error:  # whatever the library makes of damaged bytes
             after = 0.0 if last is None else (last - self.start) / NS
@@ -83,6 +86,7 @@ def opened(files, kind, remedy):
         reader = kind(path)
         try:
             reader.open()
+            int(reader.start_time)
         except Exception as error:  # whatever the library makes of foreign bytes
             raise InputError(
                 f"{path}: cannot be read ({in_a_line(error)}); {remedy.format(path.name)}"

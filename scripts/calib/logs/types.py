@@ -12,6 +12,7 @@ from calib.status import InputError, in_a_line
 NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
 HEADER = "std_msgs/msg/Header"
 LONGEST = 1 << 20  # characters of a definition
+LATEST = 1 << 32  # s or ns of a stamp
 SHIPPED = {"cdr": Stores.LATEST, "ros1": Stores.ROS1_NOETIC}  # by serialisation
 PARSERS = {
     "ros2msg": get_types_from_msg,
@@ -115,12 +116,6 @@ class Codec:
         store = self._store
         return store.deserialize_cdr if self.serialisation == "cdr" else store.deserialize_ros1
 
-    @cached_property
-    def _first(self):
-        """The first field's type, as rosbags writes it."""
-        fields = self._store.fielddefs[self.type][1]
-        return fields[0][1][1] if fields else None
-
     def content(self, data):
         """The message that the bytes say; raises InputError where they say none."""
         read, store = self._read, self._store
@@ -133,18 +128,29 @@ class Codec:
 
     def header(self, data):
         """The header that the bytes begin with; raises InputError where they do not."""
-        if self._first != HEADER:
-            return self.content(data).header
-        kind = self._store.get_msgdef(HEADER)
+        store = self._store
         try:
-            data = memoryview(unpacking.message(data))
-            if self.serialisation == "ros1":
-                return kind.deserialize_ros1(data, 0, kind.cls, self._store)[0]
-            little = {b"\0\0": False, b"\0\1": True}[bytes(data[:2])]
-            read = kind.deserialize_cdr_le if little else kind.deserialize_cdr_be
-            return read(data[4:], 0, kind.cls, self._store)[0]
+            header = self._first_of(data, store) if self._begins(store) else None
+            header = header or self.content(data).header
+            stamp = header.stamp
+            if not (isinstance(header.frame_id, str) and 0 <= stamp.nanosec < LATEST > stamp.sec):
+                raise ValueError("no such header")
+            return header
         except Exception as error:
             raise self._unreadable(error) from error
+
+    def _begins(self, store):
+        """Whether the first field of the type is a header."""
+        fields = store.fielddefs[self.type][1]
+        return bool(fields) and fields[0][1][1] == HEADER
+
+    def _first_of(self, data, store):
+        kind, data = store.get_msgdef(HEADER), memoryview(unpacking.message(data))
+        if self.serialisation == "ros1":
+            return kind.deserialize_ros1(data, 0, kind.cls, store)[0]
+        little = {b"\0\0": False, b"\0\1": True}[bytes(data[:2])]
+        read = kind.deserialize_cdr_le if little else kind.deserialize_cdr_be
+        return read(data[4:], 0, kind.cls, store)[0]
 
     def _unreadable(self, error):
         return InputError(
