@@ -238,7 +238,8 @@ def twist(t, xi):
 
 
 def composed(found, static, body="body", gap=50 * MS):
-    return chains.bodies(found, static, MAP, [body], gap).get(body)
+    blocks = {e: {"xyz_m": T[:3, 3], "quat_xyzw": geometry.to_quat(T)} for e, T in static.items()}
+    return chains.bodies(found, blocks, MAP, [body], gap).get(body)
 
 
 UP = geometry.pose(t=[0, 0, 1.5])

@@ -4,8 +4,8 @@ import difflib
 
 import numpy as np
 
-from calib import chains, faults, intake, mcs, rig, streams, tables
-from calib.status import OK, InputError, failed
+from calib import chains, faults, intake, mcs, streams, tables
+from calib.status import OK, failed
 
 NS = intake.NS
 
@@ -25,7 +25,7 @@ def columns(recording, clocks, mocap):
     edges = {edge: _judged(several) for edge, several in sorted(parts.items())}
     gap = round(mocap["max_gap_s"] * NS)
     wanted = recording.streams.bodies
-    found = chains.bodies(edges, _poses(recording.static), mocap["map"], wanted, gap)
+    found = chains.bodies(edges, recording.static, mocap["map"], wanted, gap)
     named = [{"body": np.full(len(c["t"]), name)} | c for name, c in found.items()]
     return tables.concatenate(named, tables.MOCAP), words
 
@@ -36,18 +36,6 @@ def _judged(several):
     order = np.argsort(joined["log_t"], kind="stable")
     joined = {k: v[order] for k, v in joined.items()}
     return joined | {"fault": faults.of(joined["t"], joined["xyz"], joined["quat"])}
-
-
-def _poses(static):
-    """{edge: (4, 4)} of the static transforms that are rigid motions."""
-    out = {}
-    for edge, T in static.items():
-        if np.isfinite([*T["xyz_m"], *T["quat_xyzw"]]).all():
-            try:
-                out[edge] = rig.pose(T)
-            except InputError:
-                continue  # guess says so where it is needed
-    return out
 
 
 def audit(poses, name, recording, log, mocap):

@@ -8,7 +8,7 @@ from array import array
 
 import numpy as np
 
-from calib import faults, geometry, mcs
+from calib import faults, mcs
 
 FAR_M = 50.0  # no motion capture sees as far: it sends millimetres
 PLANE, SPREAD_M, TURN_RAD = 0.1, 0.2, 0.5  # of a body that drives and turns on a floor
@@ -120,7 +120,7 @@ def _turning(xyz, quat):
 
 def _axis(quat):
     """Unit vector about which orientations differ most, in the map; None if they hardly do."""
-    R = geometry.from_xyz_quat(np.zeros((len(quat), 3)), quat)[:, :3, :3]
-    turns = geometry.so3_log(R @ R[0].T)
+    v, w, v0, w0 = quat[:, :3], quat[:, 3:], quat[0, :3], quat[0, 3]
+    turns = w0 * v - w * v0 - np.cross(v, v0)  # vector part of q q0⁻¹
     _, size, axes = np.linalg.svd(turns, full_matrices=False)
-    return axes[0] if size[0] / np.sqrt(len(turns)) > TURN_RAD else None
+    return axes[0] if size[0] / np.sqrt(len(turns)) > np.sin(TURN_RAD / 2) else None

@@ -8,7 +8,8 @@ A format is one module with a function of paths that gives an object with
   messages(topics, start, end)   Message after Message of those topics, in the order of log time;
   message(topic, file, log_t, ordinal)   one message again, found through the index.
 
-To add a format: write calib/logs/<name>.py and add it to FORMATS by suffix.
+To add a format: write calib/logs/<name>.py and add it to FORMATS by suffix, with a function that
+imports it: a start of Snakemake, which needs no reader, should not pay for all of them.
 """
 
 import hashlib
@@ -16,11 +17,31 @@ from pathlib import Path
 
 import yaml
 
-from calib.logs import bag, db3, mcap, unpacking
+from calib.logs import unpacking
 from calib.status import InputError
 
-FORMATS = {".mcap": mcap.McapLog, ".db3": db3.open_db3, ".bag": bag.open_bag}
 MIB = 1 << 20
+
+
+def _mcap(files):
+    from calib.logs.mcap import McapLog
+
+    return McapLog(files)
+
+
+def _db3(files):
+    from calib.logs.db3 import open_db3
+
+    return open_db3(files)
+
+
+def _bag(files):
+    from calib.logs.bag import open_bag
+
+    return open_bag(files)
+
+
+FORMATS = {".mcap": _mcap, ".db3": _db3, ".bag": _bag}
 
 
 def files_of(log):
