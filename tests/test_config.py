@@ -274,7 +274,7 @@ def test_a_missing_key_is_named_with_its_path(what, path, words):
             "/tf",
             "mocap.topics: /tf; expected a list of topics, or a mapping",
         ),
-        ("rig", "mocap.topics", {"/tf": 3}, "mocap.topics: {'/tf': 3}; expected a list of topics"),
+        ("rig", "mocap.topics", {"/tf": 3}, "mocap.topics./tf: 3 is not of type 'string', 'null'"),
         ("diamond", "shape", "ball", "shape: 'ball' is not one of ['board', 'cylinder', 'cloud']"),
         ("diamond", "outline_m", [[0, 0], [1, 0]], "outline_m: [[0, 0], [1, 0]] is too short"),
         ("diamond", "pattern.inner_corners", [6, 2], "pattern.inner_corners.1: 2 is less than the"),

@@ -84,7 +84,7 @@ def _unseen(name, poses, recording, log, mocap):
             kinds = ", ".join(sorted(mcs.TYPES))
             found = f"{topic} carries {log.topics[topic][0]}"
             return failed(reason, found, kinds, "Name a topic of motion capture.")
-        if recording.unreadable[topic] == log.topics[topic][1]:
+        if topic in recording.why and recording.unreadable[topic] == log.topics[topic][1]:
             return failed(reason, recording.why[topic])
     if parents := sorted(recording.streams.parents.get(name, ())):
         found = f"it is given in {' and '.join(parents)}, which nothing connects to {mocap['map']}"

@@ -20,7 +20,7 @@ class McapLog:
             key=lambda f: (f[0].start is None, f[0].start),
         )
         self.files = [path for _, path in found]
-        self.topics, self._damaged = {}, set()
+        self.topics, self._damaged, self._untimely = {}, set(), set()
         self._faults = [index.fault for index, _ in found if index.fault]
         self._types = Types(str(self.files[0]))
         self._codecs = [self._register(index) for index, _ in found]
@@ -33,8 +33,12 @@ class McapLog:
     def faults(self):
         """What of the files could not be read, in words, as far as was met up to now."""
         counts = Counter(file for file, _ in self._damaged)
-        met = [(self.files[n].name, k) for n, k in sorted(counts.items())]
-        return self._faults + [f"{name}: damaged chunks left out: {k}" for name, k in met]
+        met = [
+            f"{self.files[n].name}: damaged chunks left out: {k}" for n, k in sorted(counts.items())
+        ]
+        if self._untimely:
+            met.append(f"messages of impossible log times left out: {len(self._untimely)}")
+        return self._faults + met
 
     def _register(self, index):
         """{channel: (topic, Codec)} of one file; its topics and types join the log's."""
@@ -93,13 +97,11 @@ class McapLog:
         except Exception:  # whatever the library makes of a damaged chunk
             self._damaged.add((piece.file, piece.offset))
             return []
-        return [
-            (r.log_time, piece.file, piece.offset, number, r)
-            for number, r in enumerate(records)
-            if r.channel_id in channels
-            and (start is None or r.log_time >= start)
-            and (end is None or r.log_time < end)
-        ]
+        late = mcap_index.LATEST
+        entries = [(r.log_time, piece.file, piece.offset, n, r) for n, r in enumerate(records)]
+        self._untimely |= {e[1:4] for e in entries if e[0] >= late}
+        first, last = start or 0, late if end is None else end
+        return [e for e in entries if first <= e[0] < last and e[-1].channel_id in channels]
 
     def message(self, topic, file, log_t, ordinal):
         """The content of one message, at its place in the log."""

@@ -13,6 +13,7 @@ from mcap.stream_reader import MAGIC_SIZE, StreamReader, breakup_chunk
 from calib.logs import unpacking
 from calib.status import InputError, in_a_line
 
+LATEST = 1 << 62  # ns; a log time beyond is a wrong bit
 LOOSE = 1 << 20  # bytes of messages outside of chunks that are read at a time
 NS = 1e9
 
@@ -189,7 +190,7 @@ def _take(found, record, offset, length):
         found.schemas[record.id] = record
     elif isinstance(record, Channel):
         found.channels[record.id] = record
-    elif isinstance(record, Message):
+    elif isinstance(record, Message) and record.log_time < LATEST:
         _extend(found, _piece([record], offset, length))
         found.counts[record.channel_id] += 1
     elif isinstance(record, Chunk):
@@ -197,7 +198,7 @@ def _take(found, record, offset, length):
         for r in inside:
             if isinstance(r, Schema | Channel):
                 _take(found, r, offset, length)
-        held = [r for r in inside if isinstance(r, Message)]
+        held = [r for r in inside if isinstance(r, Message) and r.log_time < LATEST]
         found.counts.update(r.channel_id for r in held)
         if held:
             found.pieces.append(_piece(held, offset, length))
