@@ -1,5 +1,7 @@
 """Faults of motion capture, each found by its rule and counted, and nothing else lost."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -399,3 +401,11 @@ def test_a_static_transform_sent_before_from_s_is_known(tmp_path):
 def mcs_type():
     """The type of /tf_static."""
     return next(iter(mcs.TYPES))
+
+
+def test_a_track_that_jumps_all_the_time_is_judged_in_no_time():
+    t, xyz, quat = moving(20_000)
+    xyz += np.random.default_rng(3).integers(0, 50, (20_000, 1)) * 1.0
+    begin = time.process_time()
+    assert len(found(t, xyz, quat)["jump"]) > 19_000
+    assert time.process_time() - begin < 10

@@ -7,6 +7,7 @@ MOST_M = 1e5  # no map is as large
 NORM = 0.01  # by which a quaternion may be off unit
 MOST_MPS, MOST_RADPS = 15.0, 30.0  # no body that is carried or drives moves faster
 JUMP_M, JUMP_RAD = 0.05, 0.2  # by which noise and late stamps may add to that
+PLACES = 8  # that a track jumps between
 APART_NS = 500_000_000  # a body unseen for longer may be anywhere
 FROZEN_NS, FROZEN = 50_000_000, 3  # a pose that is sent again for so long, and so many times
 FROZEN_TO_END_NS = 500_000_000
@@ -134,21 +135,24 @@ def _jump(t, xyz, quat):
 
 
 def _places(parts, xyz, quat):
-    """A number for each part of a track, the same where one goes on from where the other was."""
-    place, ends = [], []
+    """A number for each part of a track, the same where one goes on from where the other was; only
+    the PLACES seen last are looked at."""
+    place, ends = [], {}  # place -> number of its last pose, the one seen last at the end
     for part in parts:
-        first = part[0]
-        steps = [_apart(xyz, quat, end, first) for end in ends]
-        nearest = int(np.argmin(steps)) if steps else -1
-        came = _apart(xyz, quat, first - 1, first) if place else 0.0
-        if nearest < 0 or steps[nearest] > came / 2:
-            nearest = len(ends)
-            ends.append(None)
-        ends[nearest] = part[-1]
-        place.append(nearest)
+        first, number = part[0], len(place)
+        if ends:
+            steps = _apart(xyz, quat, np.array(list(ends.values())), first)
+            nearest = list(ends)[int(steps.argmin())]
+            if steps.min() < _apart(xyz, quat, first - 1, first) / 2:
+                number = nearest
+        ends.pop(number, None)
+        ends[number] = part[-1]
+        if len(ends) > PLACES:
+            del ends[next(iter(ends))]
+        place.append(number)
     return place
 
 
 def _apart(xyz, quat, first, second):
-    """How far two poses are from each other, a metre like a radian."""
-    return float(np.sum(_steps(xyz, quat, first, second)))
+    """How far poses are from another, a metre like a radian."""
+    return np.add(*_steps(xyz, quat, first, second))

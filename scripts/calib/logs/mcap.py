@@ -61,13 +61,14 @@ class McapLog:
 
     def messages(self, topics, start=None, end=None):
         """Messages of the topics, by log time; start and end, ns of log time, bound them."""
-        seen, last = [Counter() for _ in self.files], [None] * len(self.files)
+        seen, last = [{} for _ in self.files], [None] * len(self.files)
         for log_t, file, _, _, record in self._in_order(self._wanted(topics), start, end):
             if log_t != last[file]:
-                seen[file], last[file] = Counter(), log_t
+                seen[file], last[file] = {}, log_t
             topic, codec = self._codecs[file][record.channel_id]
-            yield Message(topic, file, log_t, seen[file][topic], record.data, codec)
-            seen[file][topic] += 1
+            ordinal = seen[file].get(topic, 0)
+            yield Message(topic, file, log_t, ordinal, record.data, codec)
+            seen[file][topic] = ordinal + 1
 
     def _in_order(self, wanted, start, end):
         """(log time, file, offset, number, record) in that order, a few pieces in memory."""

@@ -1,6 +1,5 @@
 """Logs through the readers of rosbags: what ROS 1 bags and SQLite files have in common."""
 
-from collections import Counter
 from heapq import merge
 
 from rosbags.interfaces import MessageDefinitionFormat
@@ -49,14 +48,15 @@ class RosbagsLog:
         yield from merge(*files, key=lambda m: m.log_t)
 
     def _of_file(self, number, topics, start, end):
-        seen, last = Counter(), None
+        seen, last = {}, None
         try:
             for connection, log_t, data in self._read(number, topics, start, end):
                 if log_t != last:
-                    seen, last = Counter(), int(log_t)
+                    seen, last = {}, int(log_t)
                 topic, codec = connection.topic, self._codecs[number][connection.id]
-                yield Message(topic, number, last, seen[topic], bytes(data), codec)
-                seen[topic] += 1
+                ordinal = seen.get(topic, 0)
+                yield Message(topic, number, last, ordinal, bytes(data), codec)
+                seen[topic] = ordinal + 1
         except Exception as error:  # whatever the library makes of damaged bytes
             after = 0.0 if last is None else (last - self.start) / NS
             self.faults.append(
