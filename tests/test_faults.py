@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import containers
-from calib import chains, faults, geometry, mcs, stamps, streams
+from calib import chains, faults, geometry, mcs, stage, stamps, streams
 from containers import BEGIN, BOARD, MAP, MS, ROBOT
 from test_intake import taken
 
@@ -396,6 +396,20 @@ def test_a_static_transform_sent_before_from_s_is_known(tmp_path):
     poses, _, audit = taken(log, options)
     assert [(e["parent"], e["child"]) for e in audit["static"]] == [(ROBOT, "lidar")]
     assert (poses["body"] == "lidar").sum() == (poses["body"] == ROBOT).sum() == 10
+
+
+@pytest.mark.parametrize("kind", ["TFMessage", "Image"])
+def test_a_static_transform_that_is_no_number_or_of_another_type_stops_nothing(tmp_path, kind):
+    T = containers.record.transforms(BEGIN, ROBOT, {"lidar": UP})
+    T.transforms[0].transform.translation.x = float("nan")
+    row = (BEGIN, "/tf_static", mcs_type(), T)
+    if kind == "Image":
+        row = (BEGIN, "/tf_static", containers.record.IMAGE, containers.image(BEGIN))
+    audit, poses = recorded(tmp_path, [row, *containers.recording("TFMessage")])
+    assert audit["static"] == [] and (poses["body"] == ROBOT).sum() == 20
+    stage.write_json(tmp_path / "log.json", audit)
+    assert len(audit["faults"]) == (1 if kind == "TFMessage" else 0)
+    assert all("from robot to lidar is not a number" in fault for fault in audit["faults"])
 
 
 def mcs_type():

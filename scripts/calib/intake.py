@@ -35,10 +35,9 @@ class Recording:
         try:
             if message.topic in self._name_of:
                 self._frame(message, self._name_of[message.topic])
-            elif message.topic == STATIC:
-                self._static(message)
             elif message.type in mcs.TYPES:
-                self.streams.take(message)
+                take = self._static if message.topic == STATIC else self.streams.take
+                take(message)
         except InputError as error:
             self.unreadable[message.topic] += 1
             self.why.setdefault(message.topic, str(error))
@@ -54,6 +53,8 @@ class Recording:
     def _static(self, message):
         for pose in mcs.poses(message):
             edge = pose.parent, pose.body
+            if not np.isfinite([*pose.xyz, *pose.quat]).all():
+                raise InputError(f"the transform from {edge[0]} to {edge[1]} is not a number")
             self.static[edge] = {"xyz_m": list(pose.xyz), "quat_xyzw": list(pose.quat)}
 
 
