@@ -3,24 +3,30 @@
 Reads   the log, in one pass through its index; no payload of a sensor is kept
 Writes  mocap.parquet   every pose of every body as recorded, with a fault where it has one
         frames.parquet  every message of every sensor: stamp, log time, size, place in the log
-        log.json        topics, rates, gaps, static transforms, and a status per body and sensor
+        log.json        topics, rates, gaps, clocks, static transforms, what could not be read, and
+                        a status per body and sensor
 Decides nothing about quality: a missing topic or body becomes a status, and the rest goes on.
 """
 
-from calib import intake, logs, stage, tables
+from calib import bodies, intake, logs, stage, tables
 from calib.stage import logger
 
 
-def audit(options, log, recording, poses, frames):
-    """The content of log.json."""
+def audit(options, log, recording, clocks, tables_of):
+    """The content of log.json; tables_of: columns of mocap.parquet and of frames.parquet, and what
+    was found about each topic of motion capture, in words."""
+    poses, frames, words = tables_of
+    mocap = options["mocap"]
     sensors = {
-        name: intake.sensor_audit(name, sensor, log.topics, frames, recording.frame_ids)
-        for name, sensor in sorted(options["sensors"].items())
+        name: intake.sensor_audit(name, recording, log.topics, frames, clocks)
+        for name in sorted(options["sensors"])
     }
     return {
         "fingerprint": options["fingerprint"],
+        "faults": [*log.faults, *intake.unread(recording)],
         "topics": {k: {"type": t, "messages": n} for k, (t, n) in sorted(log.topics.items())},
-        "bodies": {name: intake.body_audit(poses, name) for name in options["bodies"]},
+        "mocap": {t: clocks[t].to_dict() | {"found": found} for t, found in sorted(words.items())},
+        "bodies": {n: bodies.audit(poses, n, recording, log, mocap) for n in options["bodies"]},
         "sensors": sensors,
         "static": [
             {"parent": parent, "child": child, "T": T}
@@ -36,13 +42,16 @@ def main(argv=None):
     options = args.options
     log = logs.open_log(options["log"])
     recording = intake.read(log, options)
-    poses = intake.pose_columns(recording.poses)
-    frames = intake.frame_columns(recording.frames)
-    found = audit(options, log, recording, poses, frames)
+    clocks = intake.clocks(recording)
+    poses, words = bodies.columns(recording, clocks, options["mocap"])
+    frames = intake.frame_columns(recording.frames, clocks)
+    found = audit(options, log, recording, clocks, (poses, frames, words))
     tables.write(args.mocap, tables.MOCAP, poses)
     tables.write(args.frames, tables.FRAMES, frames)
     stage.write_json(args.audit, found)
-    logger.info("%d poses, %d frames", len(recording.poses), len(recording.frames))
+    logger.info("%d poses, %d frames", len(poses["t"]), len(frames["t"]))
+    for fault in found["faults"]:
+        logger.warning("%s", fault)
     for name, about in (found["bodies"] | found["sensors"]).items():
         if not about["status"]["ok"]:
             logger.warning("%s: %s", name, about["status"]["reason"])

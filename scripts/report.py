@@ -91,6 +91,7 @@ def session(run, name):
         "name": name,
         "streams": funnel.streams(run, name),
         "bodies": funnel.bodies(run, name),
+        "heard": funnel.heard(run, name),
         "unused": funnel.unused_topics(run, name),
         "problems": funnel.problems(run, name),
         "funnel": funnel.table(run, name),

@@ -1,8 +1,10 @@
 """What a fault of the data or the config does: one clear message, and nothing healthy is lost."""
 
+import html
 import json
 import shutil
 
+import numpy as np
 import pytest
 
 import runs
@@ -82,14 +84,29 @@ def test_a_sensor_that_cannot_be_found_says_what_to_record_or_write_and_keeps_th
     assert result["velodyne"]["status"]["ok"]
 
 
-def test_an_unreadable_log_is_one_line_with_the_file_and_the_remedy(again):
+def test_a_log_cut_short_is_calibrated_from_what_is_there_and_the_report_says_so(finished, again):
     log = again / "logs/sim.mcap"
-    log.write_bytes(log.read_bytes()[:100_000])
+    size = round(0.8 * log.stat().st_size)
+    log.write_bytes(log.read_bytes()[:size])
+    runs.completed(again, VERDICT, "results/sim/report.html")
+    (fault,) = json.loads((again / "results/sim/sim/log.json").read_text())["faults"]
+    assert fault.startswith("sim.mcap: breaks off after byte ") and f" of {size} " in fault
+    assert fault in html.unescape((again / "results/sim/report.html").read_text())
+    before, after = (calibration(f)["sensors"]["velodyne"] for f in (finished, again))
+    assert 2 <= after["placements"] < before["placements"]
+    shift = np.subtract(*(s["T_robot_sensor"]["xyz_m"] for s in (before, after)))
+    assert np.linalg.norm(shift) < 1e-3
+
+
+def test_a_log_that_cannot_be_read_is_one_line_with_the_file_and_the_remedy(again):
+    log = again / "logs/sim.mcap"
+    log.write_bytes(bytes(100_000))
     run = runs.snakemake(again)
     assert run.returncode == 1
     last = run.stderr.split("sim: STOPPED")[1]
-    assert "logs/sim.mcap: " in last and "mcap recover" in last
+    assert "logs/sim.mcap: not a readable MCAP file" in last and "mcap doctor" in last
     assert "Traceback" not in run.stderr
+    assert not list((again / "results/sim/sim").glob("*.part"))
 
 
 def test_a_missing_log_is_named_before_anything_runs(again):

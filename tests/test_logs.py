@@ -1,14 +1,20 @@
 """Logs: every message in order and found again, and a clear word about what cannot be read."""
 
+import bz2
 import os
 import shutil
 import time
 
+import lz4.frame
 import numpy as np
 import pytest
-from mcap.writer import CompressionType, Writer
+import zstandard
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType, Writer
 
+import containers
 from calib import logs
+from calib.logs import unpacking
 from calib.sim import log as record
 from calib.status import InputError
 from shared import shared_data
@@ -151,17 +157,73 @@ def test_a_topic_without_a_schema_is_listed_and_read_as_bytes(tmp_path):
     assert [m.data for m in log.messages(["/raw"])] == [b"{}"]
 
 
-def test_a_message_without_its_definition_is_refused_with_its_type(tmp_path):
-    with open(tmp_path / "a.mcap", "wb") as stream:
+def undefined(path, name, data, encoding="cdr", form="", text=b""):
+    """An MCAP of one message of a type without a definition that serves."""
+    with open(path, "wb") as stream:
         writer = Writer(stream)
         writer.start()
-        schema = writer.register_schema(record.CLOUD, "ros2idl", b"module sensor_msgs {};")
-        writer.add_message(writer.register_channel("/points", "cdr", schema), 5, b"data", 5)
+        schema = writer.register_schema(name, form, text)
+        writer.add_message(writer.register_channel("/topic", encoding, schema), 5, data, 5)
         writer.finish()
-    log = logs.open_log(str(tmp_path / "a.mcap"))
-    assert log.topics == {"/points": (record.CLOUD, 1)}
-    with pytest.raises(InputError, match=r"a\.mcap: holds sensor_msgs/msg/PointCloud2 without its"):
-        assert next(log.messages(["/points"])).content
+    return logs.open_log(str(path))
+
+
+def test_a_type_that_ros_ships_needs_no_definition(tmp_path):
+    data = bytes(record.STORE.serialize_cdr(pose_message(7), record.TF))
+    log = undefined(tmp_path / "a.mcap", record.TF, data)
+    assert numbers(log, ["/topic"]) == [7]
+
+
+def test_a_message_without_its_definition_is_refused_with_its_type(tmp_path):
+    log = undefined(tmp_path / "a.mcap", "own_msgs/msg/Pose", b"data")
+    assert log.topics == {"/topic": ("own_msgs/msg/Pose", 1)}
+    expected = (
+        r"a\.mcap: holds own_msgs/msg/Pose without its definition, and ROS ships no such type"
+    )
+    with pytest.raises(InputError, match=expected):
+        assert next(log.messages(["/topic"])).content
+
+
+def test_a_foreign_serialisation_is_refused_by_name(tmp_path):
+    log = undefined(tmp_path / "a.mcap", record.TF, b"data", "protobuf")
+    expected = r"a\.mcap: tf2_msgs/msg/TFMessage is serialised as protobuf; this version reads cdr"
+    with pytest.raises(InputError, match=expected):
+        assert next(log.messages(["/topic"])).content
+
+
+@pytest.mark.parametrize(
+    "name, text",
+    [
+        ("own_msgs/msg/Pose", b"!!!"),
+        ("own_msgs/msg/Pose", b"float32 x\n" * 200_000),
+        ("own_msgs/msg/Pose:\n    pass\nimport os #", b"float32 x"),
+    ],
+    ids=["no definition", "too long", "code for a name"],
+)
+def test_a_definition_that_is_none_is_refused(tmp_path, name, text):
+    log = undefined(tmp_path / "a.mcap", name, b"\0\1\0\0" + bytes(8), form="ros2msg", text=text)
+    expected = r"a\.mcap: the definition of own_msgs/msg/Pose(?s:.*) cannot be read \("
+    for _ in range(2):
+        with pytest.raises(InputError, match=expected):
+            assert next(log.messages(["/topic"])).content
+
+
+def test_a_message_that_does_not_fit_its_definition_is_refused_with_its_type(tmp_path):
+    log = undefined(tmp_path / "a.mcap", record.TF, b"\0\1\0\0\xff\xff\xff\xff")
+    message = next(log.messages(["/topic"]))
+    with pytest.raises(InputError, match="a message of tf2_msgs/msg/TFMessage cannot be read"):
+        assert message.content
+
+
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_the_header_of_a_message_is_read_without_the_rest(tmp_path, little_endian):
+    image = record.STORE.types[record.COMPRESSED](
+        header=record._header(5_000_000_007, "camera"), format="jpeg", data=np.zeros(9, np.uint8)
+    )
+    data = record.STORE.serialize_cdr(image, record.COMPRESSED, little_endian=little_endian)
+    log = undefined(tmp_path / "a.mcap", record.COMPRESSED, bytes(data)[:-9])
+    header = next(log.messages(["/topic"])).header
+    assert (header.stamp.sec, header.stamp.nanosec, header.frame_id) == (5, 7, "camera")
 
 
 def test_a_type_named_without_msg_is_read_like_one_with_it(tmp_path):
@@ -238,7 +300,9 @@ def test_a_missing_file_is_named_with_the_key_to_check(tmp_path):
 def test_a_file_that_metadata_names_but_is_not_there_is_named(tmp_path):
     write(tmp_path / "bag_0.mcap", alternating(0, 5))
     metadata(tmp_path, "bag_0.mcap", "bag_1.mcap")
-    assert "bag_1.mcap: no such log" in refusal(tmp_path)
+    message = refusal(tmp_path)
+    assert "bag_1.mcap: no such log, though " in message
+    assert "write the list of the files that are there at sessions.<name>.log" in message
 
 
 @pytest.mark.parametrize("text", ["", "a: 1", "rosbag2_bagfile_information: []", "a: [", "- 1"])
@@ -251,7 +315,7 @@ def test_metadata_that_is_not_rosbag2s_is_refused(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    "name, kind", [("a.pcap", ".pcap"), ("a.mcap.zstd", ".zstd"), ("log", "nameless")]
+    "name, kind", [("a.pcap", ".pcap"), ("a.pcap.zstd", ".pcap"), ("log", "nameless")]
 )
 def test_an_unknown_suffix_is_refused_with_what_is_read_and_how_to_convert(tmp_path, name, kind):
     (tmp_path / name).write_bytes(b"x")
@@ -271,32 +335,141 @@ def test_a_file_that_is_no_mcap_is_refused_with_a_way_to_look_at_it(tmp_path, co
     assert "a.mcap: not a readable MCAP file (" in message and "run `mcap doctor a.mcap`" in message
 
 
-@pytest.mark.parametrize("share", [0.005, 0.3, 0.9, 0.999])
-def test_a_file_cut_short_is_refused_with_the_way_to_recover_it(tmp_path, share):
+@pytest.mark.parametrize("chunks", [True, False])
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+def test_a_file_cut_short_is_read_up_to_the_break_and_says_how_much_was_there(
+    tmp_path, share, chunks
+):
+    path = write(tmp_path / "a.mcap", alternating(0, 2000), use_chunking=chunks, chunk_size=20_000)
+    size = round(share * path.stat().st_size)
+    path.write_bytes(path.read_bytes()[:size])
+    log = logs.open_log(str(path))
+    found = list(log.messages(["/tf", "/other"]))
+    n = len(found)
+    assert [said(m.content) for m in found] == list(range(n))
+    assert n > (share - 0.2) * 2000
+    assert sum(count for _, count in log.topics.values()) == n
+    (fault,) = log.faults
+    assert fault.startswith("a.mcap: breaks off after byte ")
+    assert f" of {size} (" in fault and f"{n} messages of {(n - 1) / 1000:.1f} s" in fault
+    for m in found[:: n // 7]:
+        assert said(log.message(m.topic, m.file, m.log_t, m.ordinal)) == said(m.content)
+
+
+@pytest.mark.parametrize("size", [8, 20, 300])
+def test_a_file_cut_short_before_its_first_message_is_refused(tmp_path, size):
     path = write(tmp_path / "a.mcap", alternating(0, 200))
-    path.write_bytes(path.read_bytes()[: round(share * path.stat().st_size)])
+    path.write_bytes(path.read_bytes()[:size])
     message = refusal(path)
-    assert (
-        "a.mcap: has no index, as when the recorder was stopped hard; run `mcap recover" in message
-    )
+    assert "a.mcap: breaks off after byte " in message
+    assert f" of {size} (" in message and message.endswith("before its first whole message")
 
 
-def test_a_file_without_statistics_is_refused_with_the_way_to_recover_it(tmp_path):
-    path = write(tmp_path / "a.mcap", alternating(0, 20), use_statistics=False)
-    assert "has no index" in refusal(path)
+def test_a_file_whose_index_alone_is_missing_loses_no_message(tmp_path):
+    path = write(tmp_path / "a.mcap", alternating(0, 200))
+    path.write_bytes(path.read_bytes()[:-40])
+    log = logs.open_log(str(path))
+    assert numbers(log) == list(range(200))
+    (fault,) = log.faults
+    assert fault.startswith("a.mcap: its index cannot be read (")
+    assert fault.endswith("it was read from end to end: 200 messages of 0.2 s could be read")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"use_statistics": False}, {"use_summary_offsets": False}, {"repeat_channels": False}]
+    + [{"index_types": 0}],
+    ids=str,
+)
+def test_a_file_without_all_of_an_index_is_read_whole_without_a_fault(tmp_path, options):
+    if "index_types" in options:
+        options = {"index_types": IndexType.NONE}
+    log = logs.open_log(str(write(tmp_path / "a.mcap", alternating(0, 200), **options)))
+    assert log.topics["/tf"] == (record.TF, 100) and numbers(log) == list(range(200))
+    assert log.faults == []
 
 
 @pytest.mark.parametrize(
     "compression", [CompressionType.ZSTD, CompressionType.LZ4], ids=["zstd", "lz4"]
 )
-def test_damage_within_a_file_is_refused_when_it_is_met(tmp_path, compression):
-    path = write(
-        tmp_path / "a.mcap", alternating(0, 2000), compression=compression, chunk_size=9**6
-    )
+def test_damage_within_a_file_costs_its_chunk_and_is_told(tmp_path, compression):
+    path = write(tmp_path / "a.mcap", alternating(0, 2000), compression=compression)
+    with path.open("rb") as stream:
+        index = make_reader(stream).get_summary().chunk_indexes[100]
     data = bytearray(path.read_bytes())
-    data[len(data) // 4 : len(data) // 2] = bytes(len(data) // 2 - len(data) // 4)
+    middle = index.chunk_start_offset + index.chunk_length // 2
+    data[middle : middle + 40] = bytes(40)
     path.write_bytes(data)
-    assert "a.mcap: not a readable MCAP file (" in refusal(path)
+    log = logs.open_log(str(path))
+    found = numbers(log)
+    assert 1990 <= len(found) < 2000 and found == sorted(found)
+    (fault,) = log.faults
+    assert fault == "a.mcap: damaged chunks left out: 1"
+
+
+def test_a_chunk_that_declares_more_than_there_is_takes_no_memory(tmp_path):
+    """Its size says 2^62 bytes, its frame is of as many zeros as fit into 2 GB."""
+    path = write(tmp_path / "a.mcap", alternating(0, 20), chunk_size=9**6)
+    with path.open("rb") as stream:
+        (index,) = make_reader(stream).get_summary().chunk_indexes
+    data = bytearray(path.read_bytes())
+    at = index.chunk_start_offset + 9 + 16
+    data[at : at + 8] = (2**62).to_bytes(8, "little")
+    path.write_bytes(data)
+    log = logs.open_log(str(path))
+    assert numbers(log) == [] and log.faults == ["a.mcap: damaged chunks left out: 1"]
+
+
+@pytest.mark.parametrize("pack", [zstandard.compress, lz4.frame.compress], ids=["zstd", "lz4"])
+def test_a_small_block_that_unpacks_to_gigabytes_is_not_unpacked(pack):
+    bomb, unpack = (
+        pack(bytes(1 << 24)),
+        {zstandard.compress: unpacking.zstd}.get(pack, unpacking.lz4),
+    )
+    assert len(bomb) < 1 << 17
+    with pytest.raises(unpacking.TooLarge):
+        unpack(bomb, 1 << 20)
+    assert unpack(bomb, 1 << 24) == bytes(1 << 24)
+
+
+def test_a_block_of_bzip2_that_unpacks_to_gigabytes_is_not_unpacked():
+    with pytest.raises(unpacking.TooLarge):
+        unpacking.bzip2(bz2.compress(bytes(1 << 24)), 1 << 20)
+
+
+def test_a_list_of_two_formats_is_refused(tmp_path):
+    paths = [write(tmp_path / "a.mcap", alternating(0, 5)), tmp_path / "b.bag"]
+    paths[1].write_bytes(b"x")
+    with pytest.raises(
+        InputError, match=r"a log of files of \.bag and \.mcap; expected one or more"
+    ):
+        logs.open_log([str(p) for p in paths])
+
+
+@pytest.mark.parametrize(
+    "name, remedy", [("a.bag", "rosbag reindex a.bag"), ("a.db3", "sqlite3 a.db3 .recover")]
+)
+@pytest.mark.parametrize("content", [b"", b"hello world" * 20], ids=["empty", "garbage"])
+def test_a_file_that_is_not_of_its_suffix_is_refused_with_the_remedy(
+    tmp_path, name, remedy, content
+):
+    (tmp_path / name).write_bytes(content)
+    message = refusal(tmp_path / name)
+    assert f"{name}: cannot be read (" in message and remedy in message
+
+
+def test_a_compressed_file_that_is_none_is_refused(tmp_path):
+    (tmp_path / "a.mcap.zstd").write_bytes(b"hello world" * 20)
+    assert "a.mcap.zstd: cannot be unpacked in " in refusal(tmp_path / "a.mcap.zstd")
+
+
+def test_a_journal_beside_an_sqlite_file_is_told(tmp_path):
+    folder = containers.rosbag2(
+        tmp_path / "bag", containers.recording("TFMessage"), containers.SQLITE
+    )
+    (folder / "bag.db3-wal").write_bytes(b"x")
+    (fault,) = logs.open_log(str(folder)).faults
+    assert fault.startswith("bag.db3: bag.db3-wal beside it may hold its last messages")
 
 
 # --- whether a log is still the same
@@ -364,4 +537,35 @@ def test_a_rosbag2_with_service_events_lists_them_and_reads_its_topics():
     readable = [topic for topic, (kind, n) in log.topics.items() if n and "/msg/" in kind]
     assert any("_service_event" in topic for topic in log.topics)
     plain = [t for t in readable if "_service_event" not in t]
+    assert len(plain) == 2 and log.faults == []
     assert all(m.content is not None for m in log.messages(plain))
+
+
+def test_a_rosbag2_in_a_foreign_serialisation_is_refused_by_its_name():
+    log = logs.open_log(str(shared_data("logs/rosbag2_wrong_rmw")))
+    assert {k: n for k, (_, n) in log.topics.items()} == {"/array_topic": 4, "/test_topic": 3}
+    with pytest.raises(InputError, match="BasicTypes is serialised as wrong_format; this version"):
+        assert next(log.messages(["/test_topic"])).content
+
+
+def test_messages_compressed_one_by_one_are_read_and_their_folder_names_the_missing_files():
+    folder = shared_data("logs/amber_message_zstd")
+    log = logs.open_log(str(folder / "soccer_goal_12.mcap"))
+    first, second = log.messages(["/camera/image_raw"])
+    assert first.type == record.IMAGE
+    image = first.content
+    assert len(image.data) == image.height * image.step and image.step >= 3 * image.width
+    assert (first.log_t, second.log_t) == (8_297_777_777, 8_331_088_888)
+    again = log.message("/camera/image_raw", 0, second.log_t, 0)
+    assert np.array_equal(again.data, second.content.data)
+    with pytest.raises(InputError, match=r"soccer_goal_0\.mcap: no such log, though"):
+        logs.open_log(str(folder))
+
+
+def test_an_sqlite_file_without_definitions_is_read_with_the_types_that_ros_ships():
+    """Its README line says that it holds no message; it holds ten of two topics."""
+    log = logs.open_log(str(shared_data("logs/rosbag2_sqlite3")))
+    assert {k: n for k, (_, n) in log.topics.items()} == {
+        "/topic": 10, "/rosout": 10, "/parameter_events": 0,
+    }  # fmt: skip
+    assert [m.content.data for m in log.messages(["/topic"])][0] == "Hello, world! 0"

@@ -68,7 +68,7 @@ def decode_options(w):
     sensors = {
         name: {k: rig["sensors"][name][k] for k in ("kind", "topic")} for name in session["sensors"]
     }
-    mocap = {k: rig["mocap"][k] for k in ("topics", "map")}
+    mocap = {k: rig["mocap"][k] for k in ("topics", "map", "max_gap_s")}
     bodies = sorted({rig["body"]} | {TARGETS[t]["body"] for t in session["targets"]})
     span = {k: session.get(k) for k in ("from_s", "to_s")}
     return options(

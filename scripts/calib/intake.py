@@ -1,14 +1,17 @@
 """What a log holds, read in one pass: poses, one row per sensor message, and an audit of both."""
 
 import difflib
+from collections import Counter
 
 import numpy as np
 
-from calib import mocap, tables
-from calib.status import OK, failed
+from calib import mcs, stamps, tables
+from calib.mcs.pose import stamp_ns
+from calib.status import OK, InputError, failed
+from calib.streams import Streams
 
-NS = mocap.NS
-POSES = ("tf2_msgs/msg/TFMessage",)
+NS = stamps.NS
+STATIC = "/tf_static"
 KINDS = {
     "lidar": ("sensor_msgs/msg/PointCloud2",),
     "camera": ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"),
@@ -16,58 +19,62 @@ KINDS = {
 
 
 class Recording:
-    """Rows of mocap.parquet and frames.parquet as they come, static transforms, and frame ids."""
+    """Streams of motion capture, rows of sensor messages, static transforms and frame ids, as they
+    come; and of the messages that cannot be read, by topic, how many and the first's fault."""
 
-    def __init__(self, sensors, map_frame):
-        self.sensors, self.map_frame = sensors, map_frame
-        self._name_of = {s["topic"]: name for name, s in sorted(sensors.items())}
-        self.poses, self.frames, self.static, self.frame_ids = [], [], {}, {}
+    def __init__(self, options):
+        self.sensors = options["sensors"]
+        names = topics_of(options["mocap"])
+        self.streams = Streams(options["mocap"]["map"], options["bodies"], names)
+        self._name_of = {s["topic"]: name for name, s in sorted(self.sensors.items())}
+        self.frames, self.static, self.frame_ids = [], {}, {}
+        self.unreadable, self.why = Counter(), {}
 
     def take(self, message):
         """Add what one message says."""
-        if message.topic in self._name_of:
-            self._frame(message, self._name_of[message.topic])
-        elif message.topic == "/tf_static":
-            self._static(message)
-        elif message.type in POSES:
-            self._poses(message)
+        try:
+            if message.topic in self._name_of:
+                self._frame(message, self._name_of[message.topic])
+            elif message.type in mcs.TYPES:
+                take = self._static if message.topic == STATIC else self.streams.take
+                take(message)
+        except InputError as error:
+            self.unreadable[message.topic] += 1
+            self.why.setdefault(message.topic, str(error))
 
     def _frame(self, message, name):
         if message.type in KINDS[self.sensors[name]["kind"]]:
-            header = message.content.header
+            header = message.header
             self.frame_ids.setdefault(name, header.frame_id)
+            t = stamp_ns(header)
             place = (message.log_t, len(message.data), message.file, message.ordinal)
-            self.frames.append((name, stamp_ns(header), *place))
+            self.frames.append((name, -1 if t is None else t, *place))
 
     def _static(self, message):
-        for item in message.content.transforms:
-            xyz, quat = _pose(item.transform)
-            edge = item.header.frame_id, item.child_frame_id
-            self.static[edge] = {"xyz_m": list(xyz), "quat_xyzw": list(quat)}
-
-    def _poses(self, message):
-        for item in message.content.transforms:
-            if item.header.frame_id == self.map_frame:
-                t = stamp_ns(item.header)
-                self.poses.append((item.child_frame_id, t, message.log_t, *_pose(item.transform)))
+        for pose in mcs.poses(message):
+            edge = pose.parent, pose.body
+            if not np.isfinite([*pose.xyz, *pose.quat]).all():
+                raise InputError(f"the transform from {edge[0]} to {edge[1]} is not a number")
+            self.static[edge] = {"xyz_m": list(pose.xyz), "quat_xyzw": list(pose.quat)}
 
 
-def stamp_ns(header):
-    """The stamp of a ROS header, ns."""
-    return header.stamp.sec * NS + header.stamp.nanosec
-
-
-def _pose(transform):
-    p, q = transform.translation, transform.rotation
-    return (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+def topics_of(mocap):
+    """{topic: body that it names, or None} of the block `mocap` of a rig."""
+    topics = mocap["topics"]
+    return dict(topics) if isinstance(topics, dict) else dict.fromkeys(topics)
 
 
 def read(log, options):
-    """The Recording of a log, within from_s and to_s after its first message."""
-    recording = Recording(options["sensors"], options["mocap"]["map"])
-    topics = (*options["mocap"]["topics"], *(s["topic"] for s in options["sensors"].values()))
-    wanted = sorted({t for t in (*topics, "/tf_static") if t in log.topics})
-    for message in log.messages(wanted, *_bounds(log, options)):
+    """The Recording of a log, within from_s and to_s after its first message; static transforms,
+    which are sent once, also from before."""
+    recording = Recording(options)
+    topics = (*topics_of(options["mocap"]), *(s["topic"] for s in options["sensors"].values()))
+    wanted = sorted({t for t in (*topics, STATIC) if t in log.topics})
+    start, end = _bounds(log, options)
+    if start is not None and STATIC in wanted:
+        for message in log.messages([STATIC], None, start):
+            recording.take(message)
+    for message in log.messages(wanted, start, end):
         recording.take(message)
     return recording
 
@@ -80,89 +87,57 @@ def _bounds(log, options):
     ]
 
 
-def pose_columns(poses):
-    """Columns of mocap.parquet: bodies by name, poses in log order, each with its fault."""
-    if not poses:
-        return tables.empty(tables.MOCAP)
-    body, t, log_t, xyz, quat = (np.array(c) for c in zip(*poses, strict=True))
-    order = np.argsort(body, kind="stable")
-    columns = {
-        "body": body,
-        "t": t,
-        "log_t": log_t,
-        "xyz": xyz.astype(float),
-        "quat": quat.astype(float),
-    }
-    columns = {k: v[order] for k, v in columns.items()}
-    fault = [
-        mocap.faults(*(columns[k][columns["body"] == name] for k in ("t", "xyz", "quat")))
-        for name in sorted(set(body.tolist()))
-    ]
-    return columns | {"fault": np.concatenate(fault)}
+def clocks(recording):
+    """{topic of motion capture or name of a sensor: stamps.Clock}."""
+    streams = {}
+    for topic, edges in recording.streams.by_topic().items():
+        most = max(edges.values(), key=lambda c: len(c["t"]))
+        streams[topic] = most["t"], most["log_t"]
+    for name in sorted(recording.sensors):
+        rows = [f for f in recording.frames if f[0] == name]
+        if rows:
+            streams[name] = tuple(np.array([f[1:3] for f in rows], np.int64).T)
+    return stamps.clocks(streams)
 
 
-def frame_columns(frames):
+def frame_columns(frames, clocks):
     """Columns of frames.parquet: sensors by name, messages by place in the log."""
     if not frames:
         return tables.empty(tables.FRAMES)
     frames = sorted(frames, key=lambda f: (f[0], f[4], f[2], f[5]))
-    return dict(zip(tables.FRAMES.names, zip(*frames, strict=True), strict=True))
+    columns = dict(zip(tables.FRAMES.names, map(np.array, zip(*frames, strict=True)), strict=True))
+    for name in sorted(set(columns["sensor"].tolist())):
+        rows = columns["sensor"] == name
+        columns["t"][rows] = clocks[name].times(columns["t"][rows], columns["log_t"][rows])
+    return columns
 
 
-def _rate(t):
+def rate(t):
     """Hz from stamps t, ns; 0 where there is none."""
     steps = np.diff(t) / NS
     return float(1 / np.median(steps)) if len(steps) and np.median(steps) > 0 else 0.0
 
 
-def body_audit(columns, name):
-    """Count, rate, longest gap and faults of one body, with a status."""
-    bodies = np.asarray(columns["body"], str)
-    rows = bodies == name
-    if not rows.any():
-        return {"status": _unseen(name, sorted(set(bodies.tolist()))).to_dict(), "poses": 0}
-    fault = columns["fault"][rows]
-    t = columns["t"][rows][fault == ""]
-    kinds, counts = np.unique(fault[fault != ""], return_counts=True)
-    return {
-        "status": OK.to_dict(),
-        "poses": int(rows.sum()),
-        "faults": dict(zip(kinds.tolist(), counts.tolist(), strict=True)),
-        "rate_hz": _rate(t),
-        "longest_gap_s": float(np.diff(t).max() / NS) if len(t) > 1 else 0.0,
-    }
-
-
-def _unseen(name, seen):
-    near = difflib.get_close_matches(name, seen, 1)
-    remedy = "check `body`, `mocap.topics` and `mocap.map`, the parent frame of the poses"
-    return failed(
-        f"MCS body {name} is not in the log",
-        f"bodies {', '.join(seen) or 'none'}",
-        name,
-        f"did you mean {near[0]}?" if near else remedy,
-    )
-
-
-def sensor_audit(name, sensor, topics, columns, frame_ids):
-    """Count, rate and frame of one sensor, with a status; topics: of the log, with their types."""
+def sensor_audit(name, recording, topics, columns, clocks):
+    """Count, rate, frame and clock of one sensor, with a status; topics: of the log, with types."""
+    sensor = recording.sensors[name]
     t = np.asarray(columns["t"])[np.asarray(columns["sensor"]) == name]
-    return {
-        "status": _heard(sensor, topics, len(t)).to_dict(),
-        "frame": frame_ids.get(name, ""),
+    unread = recording.unreadable[sensor["topic"]]
+    audit = {
+        "status": _heard(sensor, topics, len(t), recording.why.get(sensor["topic"])).to_dict(),
+        "frame": recording.frame_ids.get(name, ""),
         "messages": len(t),
-        "rate_hz": _rate(t),
+        "unreadable": unread,
+        "rate_hz": rate(t),
     }
+    return audit | (clocks[name].to_dict() if name in clocks else {})
 
 
-def _heard(sensor, topics, messages):
-    """Ok, or why a sensor's topic gives nothing."""
+def _heard(sensor, topics, messages, why):
+    """Ok, or why a sensor's topic gives nothing; why: the fault of its first unreadable message."""
     topic, kinds = sensor["topic"], KINDS[sensor["kind"]]
     if topic not in topics:
-        near = difflib.get_close_matches(topic, topics, 1)
-        remedy = f"did you mean {near[0]}?" if near else "check the sensor's `topic`"
-        found = ", ".join(sorted(topics)) or "no topic at all"
-        return failed(f"topic {topic} is not in the log", found, topic, remedy)
+        return missing(topic, topics, "check the sensor's `topic`")
     if topics[topic][0] not in kinds:
         return failed(
             f"topic {topic} carries another type",
@@ -170,6 +145,24 @@ def _heard(sensor, topics, messages):
             " or ".join(kinds),
             f"Name the {sensor['kind']}'s topic, or record it in that type.",
         )
+    if messages == 0 and why:
+        return failed(f"no message of topic {topic} can be read", why)
     if messages == 0:
         return failed(f"topic {topic} has no message", "0", "1 or more", "Check from_s and to_s.")
     return OK
+
+
+def unread(recording):
+    """In words, which topics had messages that could not be read, and the first one's fault."""
+    return [
+        f"{n} messages of {topic} could not be read and were left out: {recording.why[topic]}"
+        for topic, n in sorted(recording.unreadable.items())
+    ]
+
+
+def missing(topic, topics, remedy):
+    """The status of a topic that is not in the log, with the nearest that is."""
+    near = difflib.get_close_matches(topic, topics, 1)
+    found = ", ".join(sorted(topics)) or "no topic at all"
+    remedy = f"did you mean {near[0]}?" if near else remedy
+    return failed(f"topic {topic} is not in the log", found, topic, remedy)

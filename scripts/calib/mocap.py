@@ -49,20 +49,6 @@ def trajectory(mocap, body, max_gap_s):
     return Trajectory(t, T, round(max_gap_s * NS))
 
 
-def faults(t, xyz, quat):
-    """What is wrong with each pose of one body in log order ("" = nothing), (n,) of str."""
-    out = np.full(len(t), "", dtype="U24")
-    norm = np.linalg.norm(quat, axis=1)
-    newest = np.maximum.accumulate(np.concatenate([[np.iinfo(np.int64).min], t[:-1]]))
-    out[t <= newest] = "stamp not increasing"
-    out[np.abs(norm - 1) > 0.01] = "quaternion not unit"
-    # A body at the origin all the time is a choice of frames; one that drops there was lost.
-    lost = (xyz == 0).all(1) & ((quat == 0).all(1) | (np.abs(quat) == [0, 0, 0, 1]).all(1))
-    out[lost & ~lost.all()] = "zeros"
-    out[~(np.isfinite(xyz).all(1) & np.isfinite(quat).all(1))] = "not a number"
-    return out
-
-
 def relative(robot, target):
     """Trajectory of T_robot_target at the target's stamps at which the robot is known."""
     T_map_robot, known = robot.at(target.t)

@@ -9,6 +9,7 @@ import sys
 import time
 from pathlib import Path
 
+from calib import files
 from calib.status import InputError
 
 logger = logging.getLogger("calib")
@@ -63,7 +64,9 @@ def limit_threads():
 
 def write_json(path, content):
     """Write content as sorted, indented JSON; NaN and infinity are an error."""
-    Path(path).write_text(json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n")
+    text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    with files.whole(path) as part:
+        part.write_text(text)
 
 
 def read_json(path):

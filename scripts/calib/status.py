@@ -38,3 +38,8 @@ OK = Status()
 def failed(reason, found="", expected="", remedy=""):
     """A status that is not ok."""
     return Status(False, reason, str(found), str(expected), remedy)
+
+
+def in_a_line(error):
+    """What a library said of foreign bytes, short and without line breaks."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:200]

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from calib import files
 from calib.status import OK, InputError, Status
 
 TEXT = pa.dictionary(pa.int32(), pa.string())
@@ -169,7 +170,8 @@ def write(path, schema, columns, status=OK, notes=None):
     }
     arrays = [_array(field, columns[field.name]) for field in schema]
     table = pa.Table.from_arrays(arrays, schema=schema.with_metadata(metadata))
-    pq.write_table(table, path, compression="zstd", compression_level=1)
+    with files.whole(path) as part:
+        pq.write_table(table, part, compression="zstd", compression_level=1)
 
 
 def empty(schema):

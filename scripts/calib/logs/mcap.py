@@ -1,148 +1,120 @@
-"""MCAP files with ROS 2 messages, read through their index; types come from the log itself."""
+"""MCAP files with ROS messages, through their index; one without its end up to where it breaks."""
 
-import os
-import struct
+from bisect import bisect_left
 from collections import Counter
-from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cached_property
 
-import zstandard
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
-from mcap.writer import MCAP0_MAGIC
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from calib.logs import mcap_index
+from calib.logs.message import Message
+from calib.logs.types import Types, full_name
+from calib.status import InputError, in_a_line
 
-from calib.status import InputError
-
-# What the reader raises on a damaged file; a RuntimeError is LZ4's.
-BROKEN = (McapError, zstandard.ZstdError, RuntimeError, OSError, struct.error)
-
-
-@dataclass(frozen=True)
-class Message:
-    """One message: where it stands in the log, and what it says (`content`, on demand)."""
-
-    topic: str
-    file: int
-    log_t: int
-    ordinal: int
-    data: bytes
-    type: str
-    decode: object
-
-    @cached_property
-    def content(self):
-        return self.decode(self.data, self.type)
+WITHOUT = "without schema"
 
 
 class McapLog:
     """One recording in one or more MCAP files, in the order of their first messages."""
 
     def __init__(self, files):
-        self._store = get_typestore(Stores.EMPTY)
-        self._known, self._definitions = set(), {}
-        self.topics = {}
-        starts = {}
-        for path in files:
-            with _reader(path) as reader:
-                summary = reader.get_summary()
-            if summary is None or summary.statistics is None:
-                raise InputError(_without_index(path))
-            starts[path] = summary.statistics.message_start_time
-            self._register(summary)
-        self.files = sorted(files, key=starts.get)
-        self.start = min(starts.values())
+        found = sorted(
+            ((mcap_index.read(path), path) for path in files),
+            key=lambda f: (f[0].start is None, f[0].start),
+        )
+        self.files = [path for _, path in found]
+        self.topics, self._damaged, self._untimely = {}, set(), set()
+        self._faults = [index.fault for index, _ in found if index.fault]
+        self._types = Types(str(self.files[0]))
+        self._codecs = [self._register(index) for index, _ in found]
+        self._pieces = sorted(
+            piece._replace(file=n) for n, (index, _) in enumerate(found) for piece in index.pieces
+        )
+        self.start = self._pieces[0].start if self._pieces else 0
 
-    def _register(self, summary):
-        counts = summary.statistics.channel_message_counts
-        for number, channel in sorted(summary.channels.items()):
-            schema = summary.schemas.get(channel.schema_id)
-            name = _full_name(schema)
-            before = self.topics.get(channel.topic, (name, 0))[1]
-            self.topics[channel.topic] = (name, before + counts.get(number, 0))
-            if schema and schema.encoding == "ros2msg":
-                self._definitions.setdefault(name, schema.data.decode())
+    @property
+    def faults(self):
+        """What of the files could not be read, in words, as far as was met up to now."""
+        counts = Counter(file for file, _ in self._damaged)
+        met = [
+            f"{self.files[n].name}: damaged chunks left out: {k}" for n, k in sorted(counts.items())
+        ]
+        if self._untimely:
+            met.append(f"messages of impossible log times left out: {len(self._untimely)}")
+        return self._faults + met
 
-    def _decode(self, data, name):
-        # A definition is read when it is needed: those of service events are none of messages.
-        if name not in self._known:
-            if name not in self._definitions:
-                raise InputError(
-                    f"{self.files[0]}: holds {name} without its .msg definition; "
-                    "record it with `ros2 bag record` and the storage mcap"
-                )
-            types = get_types_from_msg(self._definitions[name], name)
-            self._store.register({k: v for k, v in types.items() if k not in self._known})
-            self._known.update(types)
-        return self._store.deserialize_cdr(data, name)
+    def _register(self, index):
+        """{channel: (topic, Codec)} of one file; its topics and types join the log's."""
+        out = {}
+        for number, channel in sorted(index.channels.items()):
+            schema = index.schemas.get(channel.schema_id)
+            name = full_name(schema.name) if schema else WITHOUT
+            _, before = self.topics.get(channel.topic, (name, 0))
+            self.topics[channel.topic] = (name, before + index.counts.get(number, 0))
+            if schema:
+                text = schema.data.decode(errors="replace")
+                self._types.define(name, schema.encoding, text)
+            out[number] = (channel.topic, self._types.codec(name, channel.message_encoding))
+        return out
+
+    def _wanted(self, topics):
+        """Per file the channels of the topics."""
+        topics = set(topics)
+        return [{n for n, (topic, _) in c.items() if topic in topics} for c in self._codecs]
 
     def messages(self, topics, start=None, end=None):
         """Messages of the topics, by log time; start and end, ns of log time, bound them."""
-        for number, path in enumerate(self.files):
-            seen, last = Counter(), None
-            with _reader(path) as reader:
-                found = reader.iter_messages(
-                    topics=list(topics), starting_at=start, ending_before=end
-                )
-                for schema, channel, message in found:
-                    if message.log_time != last:
-                        seen, last = Counter(), message.log_time
-                    yield Message(
-                        channel.topic,
-                        number,
-                        message.log_time,
-                        seen[channel.topic],
-                        message.data,
-                        _full_name(schema),
-                        self._decode,
-                    )
-                    seen[channel.topic] += 1
+        seen, last = [{} for _ in self.files], [None] * len(self.files)
+        for log_t, file, _, _, record in self._in_order(self._wanted(topics), start, end):
+            if log_t != last[file]:
+                seen[file], last[file] = {}, log_t
+            topic, codec = self._codecs[file][record.channel_id]
+            ordinal = seen[file].get(topic, 0)
+            yield Message(topic, file, log_t, ordinal, record.data, codec)
+            seen[file][topic] = ordinal + 1
+
+    def _in_order(self, wanted, start, end):
+        """(log time, file, offset, number, record) in that order, a few pieces in memory."""
+        waiting = []
+        for piece in self._pieces:
+            channels = wanted[piece.file]
+            if not (piece.channels is None or piece.channels & channels):
+                continue
+            if (end is not None and piece.start >= end) or (
+                start is not None and piece.end < start
+            ):
+                continue
+            ready = bisect_left(waiting, (piece.start, piece.file, piece.offset))
+            yield from waiting[:ready]
+            held = self._held(piece, channels, start, end)
+            waiting = sorted(waiting[ready:] + held, key=_place)
+        yield from waiting
+
+    def _held(self, piece, channels, start=None, end=None):
+        """Entries of the messages of a piece; none, and a fault of the log, if it is damaged."""
+        path = self.files[piece.file]
+        try:
+            with mcap_index.File(path) as stream:
+                records = mcap_index.messages(stream, piece)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({in_a_line(error)})") from error
+        except Exception:  # whatever the library makes of a damaged chunk
+            self._damaged.add((piece.file, piece.offset))
+            return []
+        late = mcap_index.LATEST
+        entries = [(r.log_time, piece.file, piece.offset, n, r) for n, r in enumerate(records)]
+        self._untimely |= {e[1:4] for e in entries if e[0] >= late}
+        first, last = start or 0, late if end is None else end
+        return [e for e in entries if first <= e[0] < last and e[-1].channel_id in channels]
 
     def message(self, topic, file, log_t, ordinal):
         """The content of one message, at its place in the log."""
-        with _reader(self.files[file]) as reader:
-            found = reader.iter_messages(topics=[topic], starting_at=log_t, ending_at=log_t)
-            for number, (schema, _, message) in enumerate(found):
-                if number == ordinal:
-                    return self._decode(message.data, _full_name(schema))
-        raise InputError(f"{self.files[file]}: no message of {topic} at {log_t} any more")
+        channels = self._wanted([topic])[file]
+        pieces = [p for p in self._pieces if p.file == file and p.start <= log_t <= p.end]
+        found = [e for p in pieces for e in self._held(p, channels, log_t, log_t + 1)]
+        found = sorted(found, key=_place)
+        if ordinal >= len(found):
+            raise InputError(f"{self.files[file]}: no message of {topic} at {log_t} any more")
+        record = found[ordinal][-1]
+        return self._codecs[file][record.channel_id][1].content(record.data)
 
 
-def _full_name(schema):
-    """package/msg/Type, also of a schema named package/Type."""
-    if schema is None:
-        return "without schema"
-    parts = schema.name.split("/")
-    return "/".join([parts[0], "msg", parts[-1]])
-
-
-def _without_index(path):
-    return (
-        f"{path}: has no index, as when the recorder was stopped hard; "
-        f"run `mcap recover {path.name}` and use its output"
-    )
-
-
-def _cut_short(path):
-    """Whether a file begins as an MCAP but does not end as one."""
-    if not path.is_file() or path.stat().st_size < 2 * len(MCAP0_MAGIC):
-        return False
-    with path.open("rb") as stream:
-        begin = stream.read(len(MCAP0_MAGIC))
-        stream.seek(-len(MCAP0_MAGIC), os.SEEK_END)
-        return begin == MCAP0_MAGIC != stream.read()
-
-
-@contextmanager
-def _reader(path):
-    try:
-        with path.open("rb") as stream:
-            yield make_reader(stream)
-    except BROKEN as error:
-        raise InputError(
-            _without_index(path)
-            if _cut_short(path)
-            else f"{path}: not a readable MCAP file ({type(error).__name__}: {error}); "
-            f"run `mcap doctor {path.name}`"
-        ) from error
+def _place(entry):
+    return entry[:4]

@@ -62,6 +62,22 @@ def bodies(run, session):
     return rows
 
 
+def heard(run, session):
+    """(what, in words) of a session's log: what could not be read, and of every topic of motion
+    capture whose times are used and what else was found and done about its poses."""
+    audit = run.sessions[session].audit
+    said = [("not all could be read", fault) for fault in audit.get("faults", [])]
+    for topic, about in audit.get("mocap", {}).items():
+        late = about["delay_s"]
+        delay = f"; taken by the log {late * 1e3:.0f} ms after" if late is not None else ""
+        words = "; ".join([f"time by {about['stamps']}{delay}", *about["found"]])
+        said.append((topic, words))
+    for name, sensor in audit["sensors"].items():
+        if sensor.get("stamps", "header") != "header":
+            said.append((name, f"time by {sensor['stamps']}"))
+    return said
+
+
 def unused_topics(run, session):
     """(topic, type, messages) of what the log holds beside the sensors used."""
     used = {run.options["sensors"][n]["topic"] for n in run.sessions[session].streams}

@@ -1,0 +1,138 @@
+"""Damaged logs: whatever byte is wrong or missing, decode ends with a result or one clear line."""
+
+import os
+import signal
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import containers
+from calib import logs
+from calib.status import InputError
+from test_intake import taken
+
+KIND = "TFMessage"
+CASES = int(os.environ.get("DAMAGED_COPIES", "45"))  # of each container
+SECONDS = 20  # of one case; they take about 20 ms
+DAMAGED = [
+    "mcap, zstd", "mcap, lz4", "mcap, none", "mcap, no chunks", "mcap, ros1", "rosbag2, mcap, file",
+    "rosbag2, sqlite3", "rosbag2, sqlite3, message", "bag", "bag, bz2", "bag, lz4",
+]  # fmt: skip
+
+
+@contextmanager
+def at_most(seconds):
+    """A case that hangs fails, instead of hanging the tests."""
+
+    def late(number, frame):
+        raise AssertionError(f"not done after {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def flipped(data, rng):
+    """Some bits wrong, anywhere."""
+    for at in rng.integers(0, len(data), rng.integers(1, 12)):
+        data[at] ^= 1 << rng.integers(8)
+    return data
+
+
+def cut(data, rng):
+    """The end missing, from anywhere."""
+    return data[: rng.integers(0, len(data))]
+
+
+def overwritten(data, rng):
+    """A stretch of other bytes: zeros, ones, or anything."""
+    n = int(rng.integers(1, 64))
+    at = int(rng.integers(0, max(1, len(data) - n)))
+    data[at : at + n] = [bytes(n), b"\xff" * n, rng.bytes(n)][rng.integers(3)]
+    return data
+
+
+def shortened(data, rng):
+    """A stretch missing within."""
+    at = int(rng.integers(0, len(data)))
+    del data[at : at + int(rng.integers(1, 200))]
+    return data
+
+
+DAMAGES = (flipped, cut, overwritten, shortened)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """{container: (log as config.yaml names it, the file that holds its messages, its bytes)}."""
+    out = {}
+    for container in DAMAGED:
+        folder = tmp_path_factory.mktemp("log")
+        log = containers.write(container, folder, containers.recording(KIND))
+        path = Path(log)
+        if path.is_dir():
+            (path,) = (p for p in path.iterdir() if p.name != "metadata.yaml")
+        out[container] = log, path, path.read_bytes()
+    return out
+
+
+def outcome(log):
+    """Number of poses and frames that decode takes from a log, and what it says of its faults; or
+    the line in which it refuses. What is found can be read again, or not, in a line."""
+    try:
+        poses, frames, audit = taken(log, containers.options(KIND))
+    except InputError as error:
+        return str(error)
+    again = logs.open_log(log)
+    for row in range(0, len(frames["t"]), 5):
+        place = [int(frames[k][row]) for k in ("file", "log_t", "ordinal")]
+        topic = {"camera": "/image", "lidar": "/points"}[str(frames["sensor"][row])]
+        try:
+            again.message(topic, *place)
+        except InputError as error:
+            assert "\n" not in str(error)
+    return len(poses["t"]), len(frames["t"]), audit["faults"]
+
+
+@pytest.mark.parametrize("container", DAMAGED)
+def test_a_damaged_log_gives_what_is_left_of_it_or_one_clear_line(whole, container):
+    log, path, content = whole[container]
+    rng = np.random.default_rng(DAMAGED.index(container))
+    read = 0
+    try:
+        for case in range(CASES):
+            damage = DAMAGES[case % len(DAMAGES)]
+            path.write_bytes(damage(bytearray(content), rng))
+            with at_most(SECONDS):
+                found = outcome(log)
+            if isinstance(found, str):
+                assert "\n" not in found and path.name.split(".")[0] in found
+            else:
+                poses, frames, faults = found
+                read += bool(poses)
+                assert poses <= 40 + 2 and frames <= 14 + 2
+                assert all("\n" not in fault for fault in faults)
+    finally:
+        path.write_bytes(content)
+    assert read > CASES / 10
+
+
+@pytest.mark.parametrize("container", ["mcap, zstd", "mcap, none", "mcap, no chunks"])
+def test_what_a_cut_mcap_still_holds_grows_with_every_byte(whole, container):
+    log, path, content = whole[container]
+    counts = []
+    try:
+        for size in np.linspace(0, len(content), 25, dtype=int):
+            path.write_bytes(content[:size])
+            found = outcome(log)
+            counts.append(0 if isinstance(found, str) else found[0])
+            assert size == len(content) or isinstance(found, str) or found[2]
+    finally:
+        path.write_bytes(content)
+    assert counts == sorted(counts) and counts[0] == 0 and counts[-1] == 40
