@@ -3,7 +3,8 @@
 Reads   the log, in one pass through its index; no payload of a sensor is kept
 Writes  mocap.parquet   every pose of every body as recorded, with a fault where it has one
         frames.parquet  every message of every sensor: stamp, log time, size, place in the log
-        log.json        topics, rates, gaps, static transforms, and a status per body and sensor
+        log.json        topics, rates, gaps, static transforms, and a status per body and sensor;
+                        what the fields of a lidar's clouds mean, and the lens by a CameraInfo
 Decides nothing about quality: a missing topic or body becomes a status, and the rest goes on.
 """
 
@@ -14,8 +15,8 @@ from calib.stage import logger
 def audit(options, log, recording, poses, frames):
     """The content of log.json."""
     sensors = {
-        name: intake.sensor_audit(name, sensor, log.topics, frames, recording.frame_ids)
-        for name, sensor in sorted(options["sensors"].items())
+        name: intake.sensor_audit(name, recording, log.topics, frames)
+        for name in sorted(options["sensors"])
     }
     return {
         "fingerprint": options["fingerprint"],
@@ -43,6 +44,9 @@ def main(argv=None):
     tables.write(args.frames, tables.FRAMES, frames)
     stage.write_json(args.audit, found)
     logger.info("%d poses, %d frames", len(recording.poses), len(recording.frames))
+    for name, about in found["sensors"].items():
+        for what, words in about.get("told", {}).items():
+            logger.info("%s: %s: %s", name, what, words)
     for name, about in (found["bodies"] | found["sensors"]).items():
         if not about["status"]["ok"]:
             logger.warning("%s: %s", name, about["status"]["reason"])

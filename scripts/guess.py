@@ -2,7 +2,8 @@
 
 Reads   log.json; where something is to be found: placements.parquet, frames.parquet, and a few
         frames of the log
-Writes  guess.json, with T_body_target of the targets whose mount is unknown
+Writes  guess.json, with T_body_target of the targets whose mount is unknown, and the lens where a
+        CameraInfo of the log tells it
 Decides in this order: the rig's own T_robot_sensor; the log's /tf_static from the robot body's
 frame to the frame of the sensor's messages; what the sensor saw of the targets, whose poses in the
 robot frame are known. Nothing of a message is read unless it comes to the last, or a mount is
@@ -111,6 +112,13 @@ def mounts_json(mounts):
     }
 
 
+def completed(options, heard):
+    """The options with what the log tells of each sensor; heard: the sensors' part of the audit."""
+    cameras = {n: rig.heard(c, heard[n]) for n, c in options.get("cameras", {}).items()}
+    sensor = rig.heard(options["sensor"], heard[options["name"]])
+    return options | {"sensor": sensor, "cameras": cameras}
+
+
 def main(argv=None):
     args = stage.parser(
         __doc__,
@@ -120,8 +128,8 @@ def main(argv=None):
         output="output",
         options="slice of the config",
     ).parse_args(argv)
-    options = args.options
     audit = stage.read_json(args.audit)
+    options = completed(args.options, audit["sensors"])
     source, found, mounts = find(args, options, audit)
     T, sigma = found.T_robot_sensor, found.sigma
     if T is None:
@@ -136,6 +144,7 @@ def main(argv=None):
             "basis": found.basis,
             "mounts": mounts_json(mounts),
             "frame": audit["sensors"][options["name"]]["frame"],
+            "camera": audit["sensors"][options["name"]].get("camera"),
             "time_offset_s": {
                 "value": options["sensor"]["time_offset_s"],
                 "sigma": options["sensor"]["time_offset_sigma_s"],

@@ -1,18 +1,16 @@
 """What a log holds, read in one pass: poses, one row per sensor message, and an audit of both."""
 
 import difflib
+from fnmatch import fnmatchcase
 
 import numpy as np
 
-from calib import mocap, tables
+from calib import hearing, mocap, stamps, tables
+from calib.cameras import info
 from calib.status import OK, failed
 
 NS = mocap.NS
 POSES = ("tf2_msgs/msg/TFMessage",)
-KINDS = {
-    "lidar": ("sensor_msgs/msg/PointCloud2",),
-    "camera": ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"),
-}
 
 
 class Recording:
@@ -22,22 +20,31 @@ class Recording:
         self.sensors, self.map_frame = sensors, map_frame
         self._name_of = {s["topic"]: name for name, s in sorted(sensors.items())}
         self.poses, self.frames, self.static, self.frame_ids = [], [], {}, {}
+        self.heard = {name: hearing.KINDS[s["kind"]](s) for name, s in sensors.items()}
 
     def take(self, message):
         """Add what one message says."""
         if message.topic in self._name_of:
             self._frame(message, self._name_of[message.topic])
+        elif message.type == info.TYPE:
+            self._info(message)
         elif message.topic == "/tf_static":
             self._static(message)
         elif message.type in POSES:
             self._poses(message)
 
     def _frame(self, message, name):
-        if message.type in KINDS[self.sensors[name]["kind"]]:
-            header = message.content.header
-            self.frame_ids.setdefault(name, header.frame_id)
+        if message.type in self.heard[name].types:
+            content = message.content
+            self.frame_ids.setdefault(name, stamps.frame_id(content))
             place = (message.log_t, len(message.data), message.file, message.ordinal)
-            self.frames.append((name, stamp_ns(header), *place))
+            self.frames.append((name, stamps.stamp_ns(content), *place))
+            self.heard[name].take(content, message.log_t)
+
+    def _info(self, message):
+        for name, sensor in self.sensors.items():
+            if sensor.get("camera_info") == message.topic:
+                self.heard[name].take_info(message.content)
 
     def _static(self, message):
         for item in message.content.transforms:
@@ -65,7 +72,9 @@ def _pose(transform):
 def read(log, options):
     """The Recording of a log, within from_s and to_s after its first message."""
     recording = Recording(options["sensors"], options["mocap"]["map"])
-    topics = (*options["mocap"]["topics"], *(s["topic"] for s in options["sensors"].values()))
+    sensors = options["sensors"].values()
+    infos = [s["camera_info"] for s in sensors if "camera_info" in s]
+    topics = (*options["mocap"]["topics"], *(s["topic"] for s in sensors), *infos)
     wanted = sorted({t for t in (*topics, "/tf_static") if t in log.topics})
     for message in log.messages(wanted, *_bounds(log, options)):
         recording.take(message)
@@ -144,32 +153,43 @@ def _unseen(name, seen):
     )
 
 
-def sensor_audit(name, sensor, topics, columns, frame_ids):
-    """Count, rate and frame of one sensor, with a status; topics: of the log, with their types."""
-    t = np.asarray(columns["t"])[np.asarray(columns["sensor"]) == name]
-    return {
-        "status": _heard(sensor, topics, len(t)).to_dict(),
-        "frame": frame_ids.get(name, ""),
+def sensor_audit(name, recording, topics, columns):
+    """Count, rate and frame of one sensor, what its messages tell (hearing), and a status; topics:
+    of the log, with their types."""
+    rows = np.asarray(columns["sensor"]) == name
+    t, heard = np.asarray(columns["t"])[rows], recording.heard[name]
+    status, rate, told = _heard(recording.sensors[name], topics, len(t)), _rate(t), {}
+    if status.ok:
+        told, status = heard.told(NS / rate if rate else 0, topics)
+    return told | {
+        "status": status.to_dict(),
+        "frame": recording.frame_ids.get(name, ""),
         "messages": len(t),
-        "rate_hz": _rate(t),
+        "rate_hz": rate,
     }
 
 
 def _heard(sensor, topics, messages):
     """Ok, or why a sensor's topic gives nothing."""
-    topic, kinds = sensor["topic"], KINDS[sensor["kind"]]
+    topic, kind = sensor["topic"], hearing.KINDS[sensor["kind"]]
     if topic not in topics:
         near = difflib.get_close_matches(topic, topics, 1)
         remedy = f"did you mean {near[0]}?" if near else "check the sensor's `topic`"
         found = ", ".join(sorted(topics)) or "no topic at all"
         return failed(f"topic {topic} is not in the log", found, topic, remedy)
-    if topics[topic][0] not in kinds:
-        return failed(
-            f"topic {topic} carries another type",
-            topics[topic][0],
-            " or ".join(kinds),
-            f"Name the {sensor['kind']}'s topic, or record it in that type.",
-        )
+    if topics[topic][0] not in kind.types:
+        return _another_type(sensor, kind, topics[topic][0])
     if messages == 0:
         return failed(f"topic {topic} has no message", "0", "1 or more", "Check from_s and to_s.")
     return OK
+
+
+def _another_type(sensor, kind, found):
+    """Why a type is not read, with what to do where it is known."""
+    known = [remedy for pattern, remedy in kind.refused.items() if fnmatchcase(found, pattern)]
+    return failed(
+        f"topic {sensor['topic']} carries another type",
+        found,
+        " or ".join(kind.types),
+        known[0] if known else f"Name the {sensor['kind']}'s topic, or record it in that type.",
+    )
