@@ -119,11 +119,12 @@ def _peaks(height):
         return np.zeros(0)
     number, count = np.unique(np.floor(height / BIN_DEG).astype(int), return_counts=True)
     # A beam is a run of filled bins; a bin that holds a stray point or two is none.
-    least = 0.05 * np.quantile(count, 0.9)
+    least = max(2, 0.01 * np.quantile(count, 0.9))
     number, count = number[count > least], count[count > least]
     runs = np.split(np.arange(len(number)), np.flatnonzero(np.diff(number) > 1) + 1)
     middles = np.array([np.average(number[r] + 0.5, weights=count[r]) for r in runs]) * BIN_DEG
-    wide = np.median([len(r) for r in runs]) * BIN_DEG
+    # Of the run in which a point lies, in the mean.
+    wide = np.average([len(r) for r in runs], weights=[count[r].sum() for r in runs]) * BIN_DEG
     held = count.sum() >= SHARE * len(height)
     discrete = 1 < len(runs) <= MOST_BEAMS and wide < TIGHT * np.median(np.diff(middles))
     return middles if held and discrete else np.zeros(0)

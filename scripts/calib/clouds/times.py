@@ -102,10 +102,10 @@ def _of_field(samples, field, period, asked):
     origin = asked.get("origin") or _origin(clouds, dt, period)
     time = replace(time, origin=origin)
     dt = [after(c, time) for c, _ in clouds]
-    low, high = (np.median([f(d) for d in dt]) / 1e6 for f in (np.min, np.max))
+    low, high = (round(np.median([f(d) for d in dt]) / 1e6, 1) + 0.0 for f in (np.min, np.max))
     words = f"{field} ({kind}), {unit} {ORIGINS[origin]}"
     words += " (point_time)" * bool(asked)
-    words += f": {low:.1f} to {high:.1f} ms, {period / 1e6:.1f} ms from scan to scan"
+    words += f": {low} to {high} ms, {period / 1e6:.1f} ms from scan to scan"
     return time, words + _apart(origin, clouds, field, unit) + _doubts(clouds, dt, period)
 
 

@@ -39,10 +39,11 @@ def _converted(code, pixels):
 
 
 def _mosaic(code, pixels):
-    """Colours are interpolated at the depth of the camera."""
+    """Colours by variable gradients: corners are then four times nearer to where they are than by
+    the mean of the neighbours."""
     if min(pixels.shape) < 2:
         raise MessageError("a Bayer image of less than 2 x 2 px; the message is damaged")
-    return eight_bits(cv2.cvtColor(pixels, code))
+    return cv2.cvtColor(eight_bits(pixels), code)
 
 
 def _shared(code, pixels):
@@ -57,6 +58,12 @@ def _family(function, dtype, channels, rows=2, **codes):
     return {k.removeprefix("_"): e for k, e in made.items()}
 
 
+BAYER = {
+    "rggb": cv2.COLOR_BayerRGGB2BGR_VNG,
+    "bggr": cv2.COLOR_BayerBGGR2BGR_VNG,
+    "gbrg": cv2.COLOR_BayerGBRG2BGR_VNG,
+    "grbg": cv2.COLOR_BayerGRBG2BGR_VNG,
+}
 # A name that begins with a digit has a _ before it.
 ENCODINGS = {
     **_family(_converted, "u1", 1, mono8=cv2.COLOR_GRAY2BGR, _8UC1=cv2.COLOR_GRAY2BGR),
@@ -67,12 +74,8 @@ ENCODINGS = {
               rgba8=cv2.COLOR_RGBA2BGR),
     **_family(_converted, "u2", 4, bgra16=cv2.COLOR_BGRA2BGR, _16UC4=cv2.COLOR_BGRA2BGR,
               rgba16=cv2.COLOR_RGBA2BGR),
-    **_family(_mosaic, "u1", 1, bayer_rggb8=cv2.COLOR_BayerRGGB2BGR,
-              bayer_bggr8=cv2.COLOR_BayerBGGR2BGR, bayer_gbrg8=cv2.COLOR_BayerGBRG2BGR,
-              bayer_grbg8=cv2.COLOR_BayerGRBG2BGR),
-    **_family(_mosaic, "u2", 1, bayer_rggb16=cv2.COLOR_BayerRGGB2BGR,
-              bayer_bggr16=cv2.COLOR_BayerBGGR2BGR, bayer_gbrg16=cv2.COLOR_BayerGBRG2BGR,
-              bayer_grbg16=cv2.COLOR_BayerGRBG2BGR),
+    **_family(_mosaic, "u1", 1, **{f"bayer_{k}8": v for k, v in BAYER.items()}),
+    **_family(_mosaic, "u2", 1, **{f"bayer_{k}16": v for k, v in BAYER.items()}),
     **_family(_shared, "u1", 2, yuv422=cv2.COLOR_YUV2BGR_UYVY, uyvy=cv2.COLOR_YUV2BGR_UYVY,
               yuv422_yuy2=cv2.COLOR_YUV2BGR_YUY2, yuyv=cv2.COLOR_YUV2BGR_YUY2),
     **_family(_shared, "u1", 1, 3, nv12=cv2.COLOR_YUV2BGR_NV12, nv21=cv2.COLOR_YUV2BGR_NV21),
