@@ -6,6 +6,7 @@ from calib import stamps
 from calib.clouds import raw
 from calib.status import MessageError
 
+MOST_STEP = 1 << 16  # bytes of a point
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
 
@@ -24,6 +25,8 @@ def layout(fields, order, step):
 
     What cannot be read is left out, for it may never be wanted; only x, y, z must be there.
     """
+    if step > MOST_STEP:
+        raise MessageError(f"a cloud of points of {step} bytes; the message is damaged")
     known = {}
     for name, offset, kind in fields:
         fits = kind is not None and 0 <= offset <= step - np.dtype(kind).itemsize

@@ -121,6 +121,8 @@ def _peaks(height):
     # A beam is a run of filled bins; a bin that holds a stray point or two is none.
     least = max(2, 0.01 * np.quantile(count, 0.9))
     number, count = number[count > least], count[count > least]
+    if not len(number):
+        return np.zeros(0)
     runs = np.split(np.arange(len(number)), np.flatnonzero(np.diff(number) > 1) + 1)
     middles = np.array([np.average(number[r] + 0.5, weights=count[r]) for r in runs]) * BIN_DEG
     # Of the run in which a point lies, in the mean.
