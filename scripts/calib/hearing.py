@@ -94,7 +94,7 @@ class Camera:
         if len(self.infos) > 1:
             raise info.CameraInfoError(
                 f"{config['camera_info']} changes within the log",
-                " and ".join(" ".join(f"{v:g}" for v in info.numbers(m)[:4]) for m in self.infos),
+                " and ".join(map(info.told, self.infos)),
                 "one CameraInfo",
                 "Bound the session by from_s and to_s, or write model, size_px and params.",
             )

@@ -88,16 +88,33 @@ def _distortion(name, message):
             "Write model, size_px and params of a model that this version knows.",
         )
     model, count = MODELS[name]
-    if d[count:].any() or not np.isfinite(d).all():
+    if not np.isfinite(d).all():
+        raise CameraInfoError(
+            "CameraInfo whose D is no number",
+            _listed(d),
+            f"{count} numbers",
+            "Calibrate the camera anew, or write model, size_px and params.",
+        )
+    if d[count:].any():
         raise CameraInfoError(
             f"CameraInfo whose {name} has more than {model} holds",
-            "D " + " ".join(f"{v:g}" for v in d),
+            _listed(d),
             f"zeros after the first {count}",
             "Calibrate with plumb_bob, or use the rectified images, whose P holds without D.",
         )
     padded = np.append(d[:count], np.zeros(max(0, count - len(d))))
     # radtan's fifth may be left out.
     return model, padded[: 4 if model == "radtan" and not padded[4] else count].tolist()
+
+
+def _listed(d):
+    return "D " + " ".join(f"{v:g}" for v in d)
+
+
+def told(message):
+    """fx fy cx cy and D of a CameraInfo, in words."""
+    K = _of(message, "k").ravel()
+    return " ".join(f"{K[i]:g}" for i in (0, 4, 2, 5)) + ", " + _listed(_of(message, "d").ravel())
 
 
 def _cut(matrix, message):
