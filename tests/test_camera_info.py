@@ -68,6 +68,7 @@ def test_p_holds_for_rectified_images_and_the_turn_is_told():
     assert block == {"model": "radtan", "size_px": [900, 700],
                      "params": [700, 700, 440, 360, 0, 0, 0, 0]}  # fmt: skip
     assert "turned by 3.00° against the raw one" in words
+    assert "turned by 0.00°" in info.block(message(r=np.zeros(9)), rectified=True)[1]
 
 
 @pytest.mark.parametrize(

@@ -472,6 +472,10 @@ def test_points_of_foxglove_are_brought_into_the_frame_of_the_message():
     pose.orientation.w = pose.orientation.z = 0.0
     assert np.abs(points(given, "velodyne, packed")[0] - XYZ - [1, 2, 3]).max() < 1e-5
 
+    pose.position.x = np.nan
+    with pytest.raises(MessageError, match="a cloud whose pose is no number"):
+        clouds.read(given)
+
 
 # --- hostile input
 

@@ -131,6 +131,8 @@ def _cut(matrix, message):
 
 def _rectified(message):
     R = np.reshape(_of(message, "r"), (3, 3))
+    # Where there is none, drivers leave zeros.
+    R = R if R.any() else np.eye(3)
     turned = np.degrees(np.arccos(np.clip((np.trace(R) - 1) / 2, -1, 1)))
     return (
         "P of CameraInfo, for rectified images: the pose found is that of the rectified camera, "

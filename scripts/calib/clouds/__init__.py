@@ -64,8 +64,7 @@ def points(message, layout):
     Beams without a return, in whichever way drivers mark them, are left out. Raises MessageError
     where the message is damaged or not of that layout.
     """
-    whole = TYPES[message.__msgtype__].read(message)
-    cloud = raw.select(whole, raw.returned(whole))
+    cloud = read(message)
     dt = times.after(cloud, layout.time)
     if len(dt) and max(-dt.min(), dt.max()) > FARTHEST_NS:
         raise MessageError(

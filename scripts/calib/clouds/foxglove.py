@@ -4,6 +4,7 @@ import numpy as np
 
 from calib import geometry, stamps
 from calib.clouds import pointcloud2, raw
+from calib.status import MessageError
 
 TYPES = {1: "u1", 2: "i1", 3: "u2", 4: "i2", 5: "u4", 6: "i4", 7: "f4", 8: "f8"}
 
@@ -23,6 +24,8 @@ def _placed(fields, pose):
     """x, y, z by the pose of the points in the message's frame; as they are where it says none."""
     p, q = pose.position, pose.orientation
     quat = np.array([q.x, q.y, q.z, q.w])
+    if not np.isfinite([p.x, p.y, p.z, *quat]).all():
+        raise MessageError("a cloud whose pose is no number; the message is damaged")
     T = geometry.from_xyz_quat([p.x, p.y, p.z], quat if quat.any() else [0, 0, 0, 1])
     xyz = np.stack([fields[k] for k in "xyz"], -1).astype(float)
     with np.errstate(invalid="ignore"):

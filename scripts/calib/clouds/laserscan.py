@@ -10,7 +10,7 @@ def read(message):
     """Raw of all beams; time_increment holds the time of each, s after the stamp, if stated."""
     ranges = np.asarray(message.ranges, float)
     n = len(ranges)
-    angle = message.angle_min + message.angle_increment * np.arange(n)
+    angle = np.nan_to_num(message.angle_min + message.angle_increment * np.arange(n))
     seen = (ranges >= message.range_min) & (ranges <= message.range_max) & (ranges > 0)
     ranges = np.where(seen, ranges, 0.0)
     fields = {

@@ -52,7 +52,7 @@ def rows(data, height, width, step, row_step):
 
     Some drivers leave row_step at zero: rows then follow each other.
     """
-    data, used = np.asarray(data, np.uint8), width * step
+    data, used = np.ascontiguousarray(data, np.uint8), width * step
     row_step = row_step if height > 1 and row_step >= used else used
     wanted = (height - 1) * row_step + used if height else 0
     if wanted > len(data):
@@ -62,7 +62,5 @@ def rows(data, height, width, step, row_step):
         )
     if not height * width:
         return np.zeros((0, step), np.uint8)
-    lines = np.lib.stride_tricks.as_strided(
-        data, (height, used), (row_step * data.itemsize, data.itemsize), writeable=False
-    )
+    lines = np.lib.stride_tricks.as_strided(data, (height, used), (row_step, 1), writeable=False)
     return np.ascontiguousarray(lines).reshape(-1, step)
