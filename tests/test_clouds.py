@@ -320,6 +320,24 @@ def test_unit_and_origin_of_times_show_by_how_they_grow(kind, make, unit, origin
     assert np.abs(np.sort(dt) - np.sort(true) - shift).max() < 5000
 
 
+@pytest.mark.parametrize("apart_s", [3, 1000])
+@pytest.mark.parametrize("driver", ["velodyne", "ouster", "hesai", "livox"])
+def test_times_of_a_log_with_few_of_the_clouds_are_those_of_the_driver(driver, apart_s):
+    """A cloud in 3 s or in 1000 s, as of a topic that was thinned out."""
+    echoes = [scan(i)._replace(t=STAMP + i * apart_s * 10**9) for i in range(3)]
+    samples = [(clouds.read(log.cloud(e.t, "lidar", driver, e)), e.t + PERIOD) for e in echoes]
+    layout, words, _ = clouds.infer(samples, apart_s * 10**9, {})
+    assert layout.time == heard(*recorded(driver)[1])[0].time
+    assert layout.period == 0 and "from scan to scan" not in words["time"]
+
+
+def test_a_cloud_without_times_counts_for_a_scan_to_both_sides_of_its_stamp():
+    layout = heard(*recorded("plain")[1])[0]
+    assert layout.reach(np.zeros(5, int)) == (-PERIOD, PERIOD)
+    samples = [(clouds.read(m), stamps.stamp_ns(m)) for m in recorded("plain")[1]]
+    assert clouds.infer(samples, 3 * 10**9, {})[0].reach(None) == (-200_000_000, 200_000_000)
+
+
 def test_a_lidar_clock_on_tai_is_named():
     _, messages = recorded("sick", times_as("f8", lambda dt, t: (t + dt) / 1e9 + 37))
     words = heard(*messages)[1]["time"]

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 from calib.clouds import rings, times
 from calib.status import OK, failed
 
+LONGEST_NS = 10**9  # from stamp to stamp: beyond that, clouds were left out of the log
 UNTIMED = (
     "each scan is taken as one moment: used only while everything rests, and the sensor's clock "
     "cannot be told from the motion capture's"
@@ -41,8 +42,10 @@ class Layout:
 def infer(samples, period, asked):
     """(Layout, words on {time, ring}, status) of a lidar from a few clouds (times.infer).
 
-    The status fails where the rig's point_time, asked, names what the clouds do not have.
+    period: from stamp to stamp, ns, 0 if unknown. The status fails where the rig's point_time,
+    asked, names what the clouds do not have.
     """
+    period = int(period) if period <= LONGEST_NS else 0
     time, told = times.infer(samples, period, asked)
     ring, beams = rings.infer([c for c, _ in samples])
     status = OK
@@ -55,4 +58,4 @@ def infer(samples, period, asked):
         )
     if time is None:
         told = f"no time of points ({told}): {UNTIMED}"
-    return Layout(time, ring, int(period)), {"time": told, "ring": beams}, status
+    return Layout(time, ring, period), {"time": told, "ring": beams}, status

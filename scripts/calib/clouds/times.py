@@ -20,7 +20,7 @@ ORIGINS = {
 FIELDS = ("time", "t", "timestamp", "time_stamp", "offset_time", "ts", "lidar_sec", "timestamps",
           "stamps", "time_offset", "point_time", "time_increment")  # fmt: skip
 SPLIT = {"lidar_sec": "lidar_nsec"}  # seconds and the field of their nanoseconds
-USUAL_NS = 100_000_000  # from scan to scan, where a single one cannot tell
+USUAL_NS = 200_000_000  # that no scan takes longer, where stamps cannot tell
 MOST = 1.5  # scan periods that a scan takes; a thousandth of that belongs to the next unit
 ABSOLUTE = 1e8  # s of any clock that began in 1970, and more than any relative time
 SAME_CLOCK_NS = 10**9  # a clock less than this from the stamps is theirs
@@ -71,7 +71,7 @@ def infer(samples, period, asked):
     """(Time or None, in words how it was found, or why there is none).
 
     samples: (raw.Raw, log time in ns) of clouds in the order of their stamps; period, ns, from
-    stamp to stamp, 0 if unknown; asked: what the rig's point_time states of field, unit and origin.
+    scan to scan, 0 if unknown; asked: what the rig's point_time states of field, unit and origin.
     """
     known = samples[0][0].fields
     fields = [asked["field"]] if "field" in asked else [f for f in FIELDS if f in known]
@@ -79,7 +79,7 @@ def infer(samples, period, asked):
     for field in fields:
         if field not in known or SPLIT.get(field, field) not in known:
             return None, f"no field {field}: there are {', '.join(known)}"
-        time, words = _of_field(samples, field, period or USUAL_NS, asked)
+        time, words = _of_field(samples, field, period, asked)
         if time is not None:
             return time, words
         refused.append(words)
@@ -91,6 +91,7 @@ def _of_field(samples, field, period, asked):
     kind = samples[0][0].fields[field].dtype.name
     values = [c.fields[field].astype(float) for c, _ in samples if len(c.fields[field])]
     clouds = [(c, t) for c, t in samples if len(c.fields[field])]
+    known, period = period, period or USUAL_NS
     if not clouds or not all(np.isfinite(v).all() for v in values):
         return None, f"{field} ({kind}) holds what is no number"
     unit = asked.get("unit") or _unit(field, clouds, values, period)
@@ -105,7 +106,7 @@ def _of_field(samples, field, period, asked):
     low, high = (round(np.median([f(d) for d in dt]) / 1e6, 1) + 0.0 for f in (np.min, np.max))
     words = f"{field} ({kind}), {unit} {ORIGINS[origin]}"
     words += " (point_time)" * bool(asked)
-    words += f": {low} to {high} ms, {period / 1e6:.1f} ms from scan to scan"
+    words += f": {low} to {high} ms" + f", {known / 1e6:.1f} ms from scan to scan" * bool(known)
     return time, words + _apart(origin, clouds, field, unit) + _doubts(clouds, dt, period)
 
 
