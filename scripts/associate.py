@@ -8,7 +8,18 @@ Decides with calib.kinds, from the pose that extract worked out for each sensor.
 
 import numpy as np
 
-from calib import chain, cropping, estimation, extraction, placements, rig, stage, tables, targets
+from calib import (
+    chain,
+    cropping,
+    estimation,
+    extraction,
+    lenses,
+    placements,
+    rig,
+    stage,
+    tables,
+    targets,
+)
 from calib.stage import logger
 
 
@@ -52,6 +63,7 @@ def main(argv=None):
             T, blocks = np.array(found["T_robot_sensor"]), options["targets"]
             mounts = cropping.mounts(blocks, found["guess"])
             places = placements.still(table, "", blocks, options["mocap"], mounts)
+            options["sensors"] = lenses.told(options["sensors"], [(name, found["guess"])])
             parts.append(assigned(name, keypoints, T, places, options, shapes))
             share = np.mean(parts[-1]["feature"] >= 0)
             logger.info(

@@ -13,7 +13,7 @@ Decides by field of view, stillness and newness of the pose. Windows and limits 
 
 import numpy as np
 
-from calib import cropping, logs, stage, tables, targets, tracking
+from calib import cropping, logs, rig, stage, tables, targets, tracking
 from calib.stage import logger
 from calib.status import OK, Status, failed
 
@@ -25,9 +25,9 @@ def read_views(sensor, frames, placements, guess, options):
     shapes = {n: targets.from_config(options["targets"][n]) for n in mounts}
     poses = cropping.placed(placements, mounts), np.array(guess["T_robot_sensor"]["matrix"])
     margin = options["crop"]["margin_sigma"] * np.array(guess["sigma"])
-    message_of = cropping.reader(log, options["sensor"]["topic"], frames)
+    content_of = cropping.reader(log, options["sensor"], frames)
     where = frames, placements, poses, margin
-    return cropping.rows(sensor, shapes, *where, message_of, options["crop"])
+    return cropping.rows(sensor, shapes, *where, content_of, options["crop"])
 
 
 def read_motion(sensor, frames, poses, guess, options):
@@ -36,15 +36,15 @@ def read_motion(sensor, frames, poses, guess, options):
     known = cropping.mounts(blocks, guess)
     bodies = {n: blocks[n]["body"] for n in known if blocks[n]["method"] == "surface"}
     paths = tracking.trajectories(poses, options["body"], bodies, options["max_gap_s"])
-    message_of = cropping.reader(log, options["sensor"]["topic"], frames)
+    content_of = cropping.reader(log, options["sensor"], frames)
     margin = options["crop"]["margin_sigma"] * np.array(guess["sigma"])
     rows = []
     for name, path in paths.items():
         target = targets.from_config(blocks[name])
         given = path, frames["t"], known[name], guess, margin, options["crop"]
         for i, where, wide in tracking.choose(sensor, target, *given):
-            whole = -np.inf, np.inf
-            payload, why = sensor.cut(message_of(i), frames["t"][i], whole, target, where, wide)
+            place = frames["t"][i], (-np.inf, np.inf), target, where, wide
+            payload, why = cropping.cut(sensor, content_of, i, *place)
             about = {"t": frames["t"][i], "target": name, "kept": not why, "reason": why}
             rows.append(about | {"placement": len(rows)} | payload)
     return rows
@@ -81,25 +81,27 @@ def main(argv=None):
         motion="output",
         options="slice of the config",
     ).parse_args(argv)
-    options, name = args.options, args.options["name"]
-    logs.require_same(options["log"], stage.read_json(args.audit)["fingerprint"])
-    sensor = cropping.KINDS[options["sensor"]["kind"]](options["sensor"])
+    name, audit = args.options["name"], stage.read_json(args.audit)
+    logs.require_same(args.options["log"], audit["fingerprint"])
+    block = rig.heard(args.options["sensor"], audit["sensors"][name])
+    options, kind = args.options | {"sensor": block}, cropping.KINDS[block["kind"]]
     guess = stage.read_json(args.guess)
     placements, gated, notes = tables.read(args.placements, tables.PLACEMENTS)
     frames, _, _ = tables.read(args.frames, tables.FRAMES)
     guessed = Status.from_dict(guess["status"])
     status, rows, moving = gated if guessed.ok else guessed, [], []
     if status.ok:
-        mine = tables.select(frames, frames["sensor"] == name)
+        sensor, mine = kind(block), tables.select(frames, frames["sensor"] == name)
         mine = cropping.timed(mine, guess["time_offset_s"]["value"])
         placements = cropping.trimmed(placements, guess["time_offset_s"]["sigma"])
         rows = read_views(sensor, mine, placements, guess, options)
         status = seen(name, rows) if any(s.ok for s in held(notes)) else held(notes)[0]
-    if status.ok and options["crop"]["max_moving"]:
+    # Where points have no time of their own, a scan of what moves tells nothing of a clock.
+    if status.ok and options["crop"]["max_moving"] and sensor.timed:
         poses, _, _ = tables.read(args.mocap, tables.MOCAP)
         moving = read_motion(sensor, mine, poses, guess, options)
-    write(args.output, sensor.schema, rows, status)
-    write(args.motion, sensor.schema, moving, status)
+    write(args.output, kind.schema, rows, status)
+    write(args.motion, kind.schema, moving, status)
     logger.info("%s: kept %d of %d views", name, sum(r["kept"] for r in rows), len(rows))
     logger.info("%s: %d views of targets in motion", name, sum(r["kept"] for r in moving))
 

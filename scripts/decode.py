@@ -4,7 +4,8 @@ Reads   the log, in one pass through its index; no payload of a sensor is kept
 Writes  mocap.parquet   every pose of every body as recorded, with a fault where it has one
         frames.parquet  every message of every sensor: stamp, log time, size, place in the log
         log.json        topics, rates, gaps, clocks, static transforms, what could not be read, and
-                        a status per body and sensor
+                        a status per body and sensor; what the fields of a lidar's clouds mean, and
+                        the lens by a CameraInfo
 Decides nothing about quality: a missing topic or body becomes a status, and the rest goes on.
 """
 
@@ -52,6 +53,9 @@ def main(argv=None):
     logger.info("%d poses, %d frames", len(poses["t"]), len(frames["t"]))
     for fault in found["faults"]:
         logger.warning("%s", fault)
+    for name, about in found["sensors"].items():
+        for what, words in about.get("told", {}).items():
+            logger.info("%s: %s: %s", name, what, words)
     for name, about in (found["bodies"] | found["sensors"]).items():
         if not about["status"]["ok"]:
             logger.warning("%s: %s", name, about["status"]["reason"])

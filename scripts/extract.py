@@ -90,7 +90,7 @@ def main(argv=None):
     tracked, followed = tables.empty(tables.KEYPOINTS), []
     if status.ok:
         table, _, _ = tables.read(args.placements, tables.PLACEMENTS)
-        known = job_of(options, rig.model(options["sensor"]), table, guess)
+        known = job_of(options, rig.model(rig.heard(options["sensor"], guess)), table, guess)
         keypoints, outcomes, T = extraction.SENSORS[kind](known, views)
         status = summary(options["name"], outcomes, keypoints)
     if status.ok:

@@ -2,8 +2,8 @@
 
 Reads   log.json; where something is to be found: mocap.parquet, placements.parquet, frames.parquet,
         and a few frames of the log
-Writes  guess.json: both with their uncertainty and source, and T_body_target of the targets whose
-        mount is unknown
+Writes  guess.json: both with their uncertainty and source, T_body_target of the targets whose mount
+        is unknown, and the lens where a CameraInfo of the log tells it
 Decides first by how much the clock is off, where what the sensor sees tells that. Then the pose, in
 this order: the rig's own T_robot_sensor, unless the robot's markers were mounted anew; the log's
 /tf_static from the robot body's frame to the frame of the sensor's messages; what the sensor saw of
@@ -97,8 +97,7 @@ def find_lag(args, options, audit, told):
     poses, _, _ = tables.read(args.mocap[0], tables.MOCAP)
     frames = tables.select(frames, frames["sensor"] == options["name"])
     paths = [mocap.trajectory(poses, b, options["max_gap_s"]) for b in options["bodies"]]
-    topic, log = options["sensor"]["topic"], logs.open_log(options["log"])
-    read = cropping.reader(log, topic, frames)
+    read = cropping.reader(logs.open_log(options["log"]), options["sensor"], frames)
     return lag.find(options["sensor"]["kind"], frames["t"], read, paths, told)
 
 
@@ -148,6 +147,13 @@ def mounts_json(mounts):
     }
 
 
+def completed(options, heard):
+    """The options with what the log tells of each sensor; heard: the sensors' part of the audit."""
+    cameras = {n: rig.heard(c, heard[n]) for n, c in options.get("cameras", {}).items()}
+    sensor = rig.heard(options["sensor"], heard[options["name"]])
+    return options | {"sensor": sensor, "cameras": cameras}
+
+
 def main(argv=None):
     args = stage.parser(
         __doc__,
@@ -158,8 +164,8 @@ def main(argv=None):
         output="output",
         options="slice of the config",
     ).parse_args(argv)
-    options = args.options
     audit = stage.read_json(args.audit)
+    options = completed(args.options, audit["sensors"])
     offset = clock(args, options, audit)
     source, found, mounts = find(args, options, audit, offset)
     T, sigma = found.T_robot_sensor, found.sigma
@@ -175,6 +181,7 @@ def main(argv=None):
             "basis": found.basis,
             "mounts": mounts_json(mounts),
             "frame": audit["sensors"][options["name"]]["frame"],
+            "camera": audit["sensors"][options["name"]].get("camera"),
             "time_offset_s": offset,
         },
     )

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.sim import files, log, mocap, motion, mounts, placements, record, rigs, scene
+from calib.sim import exposure, files, log, mocap, motion, mounts, placements, record, rigs, scene
 
 RIG, PLACES, GUESS, BIAS, MOUNTS, BEAMS, SWAPS, MARKERS, BUMP = range(
     9
@@ -34,7 +34,7 @@ SENSORS = (  # flag, what it takes, what it does; of all lidars or all cameras o
     ("--lidar", {"choices": list(rigs.LIDARS)}, "cloud format, with a scan pattern that fits"),
     ("--camera-hz", {"type": float}, "images per second"),
     ("--camera-model", {"choices": rigs.models()}, "with parameters for 900 by 700 px"),
-    ("--encoding", {"choices": ["bgr8", "mono8"]}, "of Image"),
+    ("--encoding", {"choices": list(exposure.ENCODINGS)}, "of Image"),
     ("--compressed", {"choices": list(rigs.COMPRESSED)}, "CompressedImage instead of Image"),
     ("--distortion", {"type": float, "nargs": 4, "metavar": ("K1", "K2", "P1", "P2")}, "radtan"),
 )
@@ -76,6 +76,7 @@ def parse(argv):
     add("--hold-s", type=float, default=1.0, help="how long everything rests at a placement")
     add("--move-s", type=float, default=0.8, help="how long it moves to the next")
     add("--targets", type=_targets, default=["board", "cylinder"], help="default board,cylinder")
+    add("--camera-info", action="store_true", help="written in place of the cameras' params")
     add("--label-swaps", type=int, default=0, help="times that two bodies exchange their names")
     for flag, kind, what in SENSORS:
         add(flag, help=what, **kind)

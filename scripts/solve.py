@@ -18,6 +18,7 @@ from calib import (
     chain,
     clocks,
     kinds,
+    lenses,
     markers,
     placements,
     refinement,
@@ -156,6 +157,9 @@ def main(argv=None):
     ).parse_args(argv)
     options = args.options
     sessions, mounts = read_sessions(args, options)
+    sessions = lenses.agreed(sessions)
+    guesses = ((n, note["guess"]) for _, notes, _ in sessions.values() for n, note in notes.items())
+    options["sensors"] = lenses.told(options["sensors"], guesses)
     setup, start = setup_of(sessions, mounts, options)
     notes = {s: found for s, (_, found, _) in sessions.items()}
     setup = replace(setup, corrections=tuple(markers.corrections(notes, options["remounted"])))

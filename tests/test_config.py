@@ -194,6 +194,28 @@ def test_a_key_that_yaml_does_not_read_as_text_is_refused_not_stumbled_over(key)
     assert "unknown key" in refusal("config", CONFIG | {key: 1, "gait": 2})
 
 
+def test_the_lens_comes_from_params_or_from_camera_info_never_from_both():
+    both = edited("rig", "sensors.left.camera_info", "/left/camera_info")
+    words = "sensors.left: params and camera_info exclude each other; keep one"
+    assert words in refusal("rig", both)
+    for key in ("model", "size_px", "params"):
+        del both["sensors"]["left"][key]
+    assert config.complete("rig", both, "rig.yaml")
+
+
+@pytest.mark.parametrize(
+    "block, words",
+    [
+        ({"unit": "min"}, "point_time.unit: 'min' is not one of ['s', 'ms', 'us', 'ns']"),
+        ({"origin": "end"}, "point_time.origin: 'end' is not one of ['stamp', 'clock', 'first'"),
+        ({"feild": "t"}, "point_time: unknown key feild; did you mean field?"),
+        ({}, "point_time: {} should be non-empty"),
+    ],
+)
+def test_a_point_time_is_a_field_a_unit_and_an_origin(block, words):
+    assert words in refusal("rig", edited("rig", "sensors.velodyne.point_time", block))
+
+
 def test_a_key_of_one_kind_of_sensor_is_unknown_to_the_other():
     assert "sensors.left: unknown key range_m" in refusal(
         "rig", edited("rig", "sensors.left.range_m", [0, 1])

@@ -40,6 +40,25 @@ def test_a_missing_topic_fails_that_sensor_with_the_nearest_name_and_keeps_the_o
     assert "topic /camera/image_rwa is not in the log" in run.stderr.split("sim: FAIL")[1]
 
 
+def test_a_lens_that_no_camera_info_tells_fails_that_camera_in_words_and_keeps_the_lidar(again):
+    def ask(r):
+        for key in ("model", "size_px", "params"):
+            del r["sensors"]["camera"][key]
+        r["sensors"]["camera"]["camera_info"] = "/camera/info"
+
+    runs.edit(rig(again), ask)
+    runs.snakemake(again)
+    sensors = calibration(again)["sensors"]
+    status = sensors["camera"]["status"]
+    assert status["reason"] == "no CameraInfo on /camera/info"
+    assert status["found"] == "CameraInfo on /camera/camera_info"
+    assert sensors["camera"]["T_robot_sensor"] is None
+    assert sensors["velodyne"]["T_robot_sensor"] is not None
+    page = (again / "results/sim/report.html").read_text()
+    assert "no CameraInfo on /camera/info" in page
+    assert "time (float32), s after the stamp: 0.0 to" in page
+
+
 def test_an_unseen_target_body_is_named_and_the_other_target_serves(again):
     runs.edit(again / "config/targets/cylinder.yaml", lambda t: t.update(body="mocap/cylindre"))
     runs.completed(again, VERDICT)

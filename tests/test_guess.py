@@ -78,10 +78,10 @@ def test_a_target_that_is_not_in_view_is_refused_in_words_with_counts(here):
     assert "sensors.camera.T_robot_sensor" in status["remedy"]
 
 
-def test_where_the_pose_is_stated_nothing_of_the_log_is_read(here):
+def test_where_the_pose_is_stated_and_no_clock_wanted_nothing_of_the_log_is_read(here):
     options = json.loads(here["guess", "velodyne"][-1])
     stated = {"xyz_m": [0.1, 0, 0.5], "rpy_deg": [0, 0, 3]}
-    arguments = ["--audit", f"{HOME}/log.json", "--placements", "--frames", "--output"]
+    arguments = ["--audit", f"{HOME}/log.json", "--mocap", "--placements", "--frames", "--output"]
     arguments += [f"{HOME}/velodyne/guess.json", "--options", ""]
     sensor = options["sensor"] | {"T_robot_sensor": stated}
     slim = {k: v for k, v in options.items() if k not in ("log", "targets")}

@@ -113,7 +113,7 @@ def test_guess_takes_the_chain_of_static_transforms_where_the_rig_states_nothing
     ]
     stage.write_json(tmp_path / "log.json", audit)
     output = tmp_path / "guess.json"
-    paths = ["--audit", str(tmp_path / "log.json"), "--placements", "--frames"]
+    paths = ["--audit", str(tmp_path / "log.json"), "--mocap", "--placements", "--frames"]
     paths += ["--output", str(output)]
     guess.main([*paths, "--options", json.dumps(options)])
     found = stage.read_json(output)
@@ -241,7 +241,7 @@ def test_a_static_transform_that_is_no_pose_is_a_status_and_no_crash(here, tmp_p
     audit["static"] = [{"parent": "mocap/robot", "child": "camera", "T": broken}]
     stage.write_json(tmp_path / "log.json", audit)
     output = tmp_path / "guess.json"
-    paths = ["--audit", str(tmp_path / "log.json"), "--placements", "--frames"]
+    paths = ["--audit", str(tmp_path / "log.json"), "--mocap", "--placements", "--frames"]
     paths += ["--output", str(output)]
     guess.main([*paths, "--options", json.dumps(options)])
     found = stage.read_json(output)

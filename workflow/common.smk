@@ -65,9 +65,7 @@ def options(**slices):
 
 def decode_options(w):
     rig, session = RIGS[w.rig], SESSIONS[w.session]
-    sensors = {
-        name: {k: rig["sensors"][name][k] for k in ("kind", "topic")} for name in session["sensors"]
-    }
+    sensors = {name: heard(rig["sensors"][name]) for name in session["sensors"]}
     mocap = {k: rig["mocap"][k] for k in ("topics", "map", "max_gap_s")}
     bodies = sorted({rig["body"]} | {TARGETS[t]["body"] for t in session["targets"]})
     span = {k: session.get(k) for k in ("from_s", "to_s")}
@@ -79,6 +77,14 @@ def decode_options(w):
         bodies=bodies,
         **span,
     )
+
+
+def heard(sensor):
+    """What decode needs to know of a sensor: of a camera's lens only what its CameraInfo is held
+    against."""
+    keys = ["kind", "topic", "point_time", "camera_info"]
+    keys += ["model", "size_px", "rectified"] if "camera_info" in sensor else []
+    return {k: sensor[k] for k in keys if k in sensor}
 
 
 def gate_options(w):

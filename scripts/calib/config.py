@@ -68,6 +68,8 @@ def _explain(error):
     if error.validator == "oneOf":
         expected = error.schema.get("description", error.message)
         return f"{path}: {error.instance}; expected {expected}"
+    if error.validator == "not" and "description" in error.validator_value:
+        return f"{path}: {error.validator_value['description']}"
     if error.validator == "not":
         return f"{path}: {error.instance} is a reserved name; choose another"
     if error.validator == "pattern":

@@ -1,9 +1,12 @@
 """Which frames of a sensor show its targets, and the part of each around them."""
 
+from functools import cache
+
 import numpy as np
 
 from calib import clouds, geometry, images, rig, tables, views
 from calib.mocap import NS
+from calib.status import MessageError
 
 TRIMMED_S = 0.05  # σ of a clock that the ends which gate cuts off the rests are enough for
 SPARE = 1.5  # of max_placements: what is kept, for some may prove to be out of view
@@ -17,15 +20,24 @@ class Lidar:
 
     def __init__(self, config):
         self.model = rig.Lidar.from_config(config)
+        self.layout = clouds.Layout.from_dict(config["layout"])
+        self.timed = self.layout.time is not None
 
     def nothing(self):
         return {"xyz": [], "ring": [], "dt": []}
 
-    def cut(self, message, t, span, target, T_sensor_target, margin):
+    def read(self, message):
+        """xyz (n, 3), m, ring (n,) and dt (n,), ns (clouds.points)."""
+        return clouds.points(message, self.layout)
+
+    def cut(self, points, t, span, target, T_sensor_target, margin):
         """(payload, reason why there is none) of the angular window around a target."""
-        xyz, ring, dt = clouds.points(message)
+        xyz, ring, dt = points
+        if not len(xyz):
+            return self.nothing(), "no return at all"
         # All of the scan, for the window's part of it would depend on the guess.
-        if len(dt) and (t + dt.min() < span[0] or t + dt.max() > span[1]):
+        first, last = self.layout.reach(dt)
+        if t + first < span[0] or t + last > span[1]:
             return self.nothing(), "scan reaches into a move"
         inside = views.cone(xyz.astype(float), target, T_sensor_target, margin)
         if not inside.any():
@@ -37,6 +49,7 @@ class Camera:
     """What crop does with a camera's messages."""
 
     schema = tables.VIEWS_CAMERA
+    timed = True
     hidden = staticmethod(views.hidden_from_camera)
 
     def __init__(self, config):
@@ -45,9 +58,12 @@ class Camera:
     def nothing(self):
         return {"u0": 0, "v0": 0, "png": b""}
 
-    def cut(self, message, t, span, target, T_sensor_target, margin):
+    def read(self, message):
+        """The image (h, w, 3) uint8 (images.bgr)."""
+        return images.bgr(message)
+
+    def cut(self, image, t, span, target, T_sensor_target, margin):
         """(payload, reason why there is none) of the image region around a target."""
-        image = images.bgr(message)
         if image.shape[1::-1] != self.model.size:
             size = f"{image.shape[1]} x {image.shape[0]}"
             return self.nothing(), f"image of {size} px, size_px says otherwise"
@@ -58,13 +74,27 @@ class Camera:
 KINDS = {"lidar": Lidar, "camera": Camera}
 
 
-def reader(log, topic, frames):
-    """message_of(i): the content of frame i (columns of frames.parquet) of a topic of a log."""
+def reader(log, config, frames):
+    """content_of(i): what a sensor measured in its frame i (columns of frames.parquet): points or
+    an image. It raises MessageError where that message cannot be read.
 
-    def message_of(i):
-        return log.message(topic, *(int(frames[k][i]) for k in ("file", "log_t", "ordinal")))
+    config: the sensor's block, completed by what the log tells (rig.heard).
+    """
+    sensor = KINDS[config["kind"]](config)
 
-    return message_of
+    def content_of(i):
+        place = (int(frames[k][i]) for k in ("file", "log_t", "ordinal"))
+        return sensor.read(log.message(config["topic"], *place))
+
+    return content_of
+
+
+def cut(sensor, content_of, i, *where):
+    """(payload, reason why there is none) of frame i around a target (cut of a sensor)."""
+    try:
+        return sensor.cut(content_of(i), *where)
+    except MessageError as error:
+        return sensor.nothing(), f"cannot be read: {error}"
 
 
 def mounts(targets, guess):
@@ -132,8 +162,8 @@ def choose(sensor, target, placement, T_robot_target, T_robot_sensor, margin, op
     return reason
 
 
-def rows(sensor, shapes, frames, placements, poses, margin, message_of, options):
-    """Rows of views.parquet of one sensor's frames (timed); message_of(i) reads one, once for all
+def rows(sensor, shapes, frames, placements, poses, margin, content_of, options):
+    """Rows of views.parquet of one sensor's frames (timed); content_of(i) reads one, once for all
     targets.
 
     poses: T_robot_target (k, 4, 4) of every placement, and the guess T_robot_sensor (4, 4), which
@@ -146,13 +176,13 @@ def rows(sensor, shapes, frames, placements, poses, margin, message_of, options)
         plan[name] = target, placement, reason
     out = []
     for i, (t, seen) in enumerate(zip(frames["t"], frames["seen"], strict=True)):
-        wanted = any(reason[i] == "" for _, _, reason in plan.values())
-        message = message_of(i) if wanted else None
+        once = cache(content_of)
         for name, (target, placement, reason) in plan.items():
             k, why, payload = placement[i], reason[i], sensor.nothing()
             if not why:
                 span = placements["start"][k], placements["end"][k]
-                payload, why = sensor.cut(message, seen, span, target, T_sensor_target[k], margin)
+                where = seen, span, target, T_sensor_target[k], margin
+                payload, why = cut(sensor, once, i, *where)
             about = {"t": t, "target": name, "placement": k, "kept": not why, "reason": why}
             out.append(about | payload)
     return out

@@ -2,20 +2,17 @@
 
 import difflib
 from collections import Counter
+from fnmatch import fnmatchcase
 
 import numpy as np
 
-from calib import mcs, stamps, tables
-from calib.mcs.pose import stamp_ns
+from calib import headers, hearing, mcs, stamps, tables
+from calib.cameras import info
 from calib.status import OK, InputError, failed
 from calib.streams import Streams
 
 NS = stamps.NS
 STATIC = "/tf_static"
-KINDS = {
-    "lidar": ("sensor_msgs/msg/PointCloud2",),
-    "camera": ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"),
-}
 
 
 class Recording:
@@ -27,6 +24,7 @@ class Recording:
         names = topics_of(options["mocap"])
         self.streams = Streams(options["mocap"]["map"], options["bodies"], names)
         self._name_of = {s["topic"]: name for name, s in sorted(self.sensors.items())}
+        self.heard = {name: hearing.KINDS[s["kind"]](s) for name, s in self.sensors.items()}
         self.frames, self.static, self.frame_ids = [], {}, {}
         self.unreadable, self.why = Counter(), {}
 
@@ -35,6 +33,8 @@ class Recording:
         try:
             if message.topic in self._name_of:
                 self._frame(message, self._name_of[message.topic])
+            elif message.type == info.TYPE:
+                self._info(message)
             elif message.type in mcs.TYPES:
                 take = self._static if message.topic == STATIC else self.streams.take
                 take(message)
@@ -43,12 +43,18 @@ class Recording:
             self.why.setdefault(message.topic, str(error))
 
     def _frame(self, message, name):
-        if message.type in KINDS[self.sensors[name]["kind"]]:
-            header = message.header
-            self.frame_ids.setdefault(name, header.frame_id)
-            t = stamp_ns(header)
+        if message.type in self.heard[name].types:
+            head = headers.of(message)
+            self.frame_ids.setdefault(name, head.frame_id)
+            t = headers.stamp_ns(head)
             place = (message.log_t, len(message.data), message.file, message.ordinal)
-            self.frames.append((name, -1 if t is None else t, *place))
+            self.frames.append((name, t or -1, *place))
+            self.heard[name].take(message)
+
+    def _info(self, message):
+        for name, sensor in self.sensors.items():
+            if sensor.get("camera_info") == message.topic:
+                self.heard[name].take_info(message.content)
 
     def _static(self, message):
         for pose in mcs.poses(message):
@@ -67,8 +73,9 @@ def topics_of(mocap):
 def read(log, options):
     """The Recording of a log, within from_s and to_s after its first message; static transforms,
     which are sent once, also from before."""
-    recording = Recording(options)
-    topics = (*topics_of(options["mocap"]), *(s["topic"] for s in options["sensors"].values()))
+    recording, sensors = Recording(options), options["sensors"].values()
+    infos = [s["camera_info"] for s in sensors if "camera_info" in s]
+    topics = (*topics_of(options["mocap"]), *(s["topic"] for s in sensors), *infos)
     wanted = sorted({t for t in (*topics, STATIC) if t in log.topics})
     start, end = _bounds(log, options)
     if start is not None and STATIC in wanted:
@@ -119,32 +126,31 @@ def rate(t):
 
 
 def sensor_audit(name, recording, topics, columns, clocks):
-    """Count, rate, frame and clock of one sensor, with a status; topics: of the log, with types."""
-    sensor = recording.sensors[name]
+    """Count, rate, frame and clock of one sensor, what its messages tell (hearing), and a status;
+    topics: of the log, with types."""
+    sensor, heard = recording.sensors[name], recording.heard[name]
     t = np.asarray(columns["t"])[np.asarray(columns["sensor"]) == name]
-    unread = recording.unreadable[sensor["topic"]]
-    audit = {
-        "status": _heard(sensor, topics, len(t), recording.why.get(sensor["topic"])).to_dict(),
+    status, hz = _heard(sensor, topics, len(t), recording.why.get(sensor["topic"])), rate(t)
+    told = {}
+    if status.ok:
+        told, status = heard.told(NS / hz if hz else 0, topics)
+    audit = told | {
+        "status": status.to_dict(),
         "frame": recording.frame_ids.get(name, ""),
         "messages": len(t),
-        "unreadable": unread,
-        "rate_hz": rate(t),
+        "unreadable": recording.unreadable[sensor["topic"]],
+        "rate_hz": hz,
     }
     return audit | (clocks[name].to_dict() if name in clocks else {})
 
 
 def _heard(sensor, topics, messages, why):
     """Ok, or why a sensor's topic gives nothing; why: the fault of its first unreadable message."""
-    topic, kinds = sensor["topic"], KINDS[sensor["kind"]]
+    topic, kind = sensor["topic"], hearing.KINDS[sensor["kind"]]
     if topic not in topics:
         return missing(topic, topics, "check the sensor's `topic`")
-    if topics[topic][0] not in kinds:
-        return failed(
-            f"topic {topic} carries another type",
-            topics[topic][0],
-            " or ".join(kinds),
-            f"Name the {sensor['kind']}'s topic, or record it in that type.",
-        )
+    if topics[topic][0] not in kind.types:
+        return _another_type(sensor, kind, topics[topic][0])
     if messages == 0 and why:
         return failed(f"no message of topic {topic} can be read", why)
     if messages == 0:
@@ -166,3 +172,14 @@ def missing(topic, topics, remedy):
     found = ", ".join(sorted(topics)) or "no topic at all"
     remedy = f"did you mean {near[0]}?" if near else remedy
     return failed(f"topic {topic} is not in the log", found, topic, remedy)
+
+
+def _another_type(sensor, kind, found):
+    """Why a type is not read, with what to do where it is known."""
+    known = [remedy for pattern, remedy in kind.refused.items() if fnmatchcase(found, pattern)]
+    return failed(
+        f"topic {sensor['topic']} carries another type",
+        found,
+        " or ".join(kind.types),
+        known[0] if known else f"Name the {sensor['kind']}'s topic, or record it in that type.",
+    )

@@ -124,6 +124,13 @@ def camera(config):
         raise InputError(str(error)) from None
 
 
+def heard(config, found):
+    """A sensor block completed by what its log tells: lens (`camera`) and `layout` of clouds of
+    found, which is its part of the audit or, for the lens alone, its guess.json."""
+    layout = {"layout": found["layout"]} if "layout" in found else {}
+    return config | (found.get("camera") or {}) | layout
+
+
 SENSORS = {"camera": camera, "lidar": Lidar.from_config}
 
 

@@ -7,6 +7,10 @@ class InputError(Exception):
     """Unreadable input or a wrong config: the one thing that ends a job, in words for its user."""
 
 
+class MessageError(InputError):
+    """One message that cannot be read, in words with the remedy: the others may be well."""
+
+
 @dataclass(frozen=True)
 class Status:
     """Whether a thing could be done; if not why, what was found, what was expected, what to do."""

@@ -10,9 +10,10 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
-from calib import geometry, images, limbs
+from calib import geometry, limbs
 from calib.found import Found
 from calib.guessing import bearings, consensus
+from calib.guessing.looks import readable
 
 LEAST = 4  # placements: three give poses, another says which
 TRIPLES = 8  # blobs that triples are drawn from
@@ -21,11 +22,11 @@ AGREES = 0.1  # of a blob's own size: what its place, axis and size may be off a
 HIDDEN = 10.0  # misfit of a blob where the lens would see no target
 
 
-def find(camera, shapes, looks, message_of, options):
+def find(camera, shapes, looks, content_of, options):
     """Found: the pose that most blobs of the targets' colours agree on."""
     seen, wanted = [], [k for k in looks if shapes[k.target].color]
-    for look in wanted:
-        blob = read(shapes[look.target].color, images.bgr(message_of(look.frame)))
+    for look, image in readable(wanted, content_of):
+        blob = read(shapes[look.target].color, image)
         seen += [] if blob is None else [(look, blob)]
         if len(seen) >= options["enough_images"]:
             break

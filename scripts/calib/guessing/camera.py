@@ -7,18 +7,20 @@ import numpy as np
 from calib import geometry, images
 from calib.found import Found
 from calib.guessing import bearings, blobs, consensus
+from calib.guessing.looks import readable
 
 RIVAL = 4.0  # a reading that reprojects this much worse than the best of its image is out
 MISFIT = 0.1  # of the corners' spacing: a reading that reprojects worse is none of this pattern
 
 
-def find(camera, shapes, looks, message_of, options):
+def find(camera, shapes, looks, content_of, options):
     """Found: by printed patterns; by coloured bodies where they show too little."""
     patterned = [[k for k in looks if k.target == n] for n in sorted(shapes) if shapes[n].pattern]
     readings, seen = [], 0
     # In turn over the targets, until enough is found.
-    for look in (k for turn in zip_longest(*patterned) for k in turn if k is not None):
-        found = read(camera, shapes[look.target], images.bgr(message_of(look.frame)))
+    in_turn = (k for turn in zip_longest(*patterned) for k in turn if k is not None)
+    for look, image in readable(in_turn, content_of):
+        found = read(camera, shapes[look.target], image)
         readings += [(look.placement, look.T_robot_target @ geometry.inverse(T)) for T in found]
         seen += bool(found)
         if seen >= options["enough_images"]:
@@ -26,7 +28,7 @@ def find(camera, shapes, looks, message_of, options):
     by_pattern = agreed(readings, seen, sum(map(len, patterned)), options)
     if by_pattern.status.ok or not any(shapes[k.target].color for k in looks):
         return by_pattern
-    by_color = blobs.find(camera, shapes, looks, message_of, options)
+    by_color = blobs.find(camera, shapes, looks, content_of, options)
     return by_color if by_color.status.ok or not seen else by_pattern
 
 

@@ -12,9 +12,10 @@ from itertools import combinations, product
 import numpy as np
 from scipy.optimize import least_squares
 
-from calib import geometry, images
+from calib import geometry
 from calib.guessing import camera as cameras
 from calib.guessing import consensus
+from calib.guessing.looks import readable
 from calib.status import OK, Status, failed
 
 FEWEST = 3  # placements: two motions
@@ -33,14 +34,14 @@ class Mount:
     status: Status = OK
 
 
-def find(camera, target, looks, message_of, prior, options):
+def find(camera, target, looks, content_of, prior, options):
     """The Mount of a target by one camera; prior: (T_robot_camera (4, 4), σ (6,)) or None.
 
     looks: at that target, with T_robot_body for T_robot_target.
     """
     seen = []
-    for look in looks:
-        readings = cameras.read(camera, target, images.bgr(message_of(look.frame)))
+    for look, image in readable(looks, content_of):
+        readings = cameras.read(camera, target, image)
         seen += [(look.T_robot_target, readings)] if readings else []
         if len(seen) >= options["enough_images"]:
             break

@@ -6,13 +6,15 @@ has a part in it.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numpy as np
 from scipy.stats import rankdata
 
-from calib import clouds, images
+from calib import images
 from calib.mocap import NS
+from calib.status import MessageError
 
 REACH_S, STEP_S = 1.2, 0.01  # offsets that are tried beside the stated one
 BURSTS, FRAMES = 10, 12  # of consecutive frames that are read
@@ -35,16 +37,15 @@ class Lag:
     basis: str
 
 
-def small_image(message):
+def small_image(image):
     """(48, 64) grey levels of an image, and 0: it is taken at its stamp."""
-    grey = images.grey(images.bgr(message))
-    return cv2.resize(grey, PIXELS, interpolation=cv2.INTER_AREA).astype(float), 0
+    return cv2.resize(images.grey(image), PIXELS, interpolation=cv2.INTER_AREA).astype(float), 0
 
 
-def small_scan(message):
+def small_scan(points):
     """(7200,) mean range in the cells of azimuth and elevation, m, NaN in empty ones, and by how
     much the middle of the scan is after its stamp, ns."""
-    xyz, _, dt = clouds.points(message)
+    xyz, _, dt = points
     xyz, distance = xyz.astype(float), np.linalg.norm(xyz, axis=1)
     azimuth, elevation = np.arctan2(xyz[:, 1], xyz[:, 0]), np.arcsin(xyz[:, 2] / distance)
     column = ((azimuth / np.pi + 1) / 2 * (CELLS[0] - 1)).astype(int)
@@ -69,17 +70,25 @@ def bursts(t):
     return [kept[s : s + FRAMES] for s in starts]
 
 
-def changes(kind, t, message_of):
+def changes(kind, t, content_of):
     """Of consecutive frames: times (p, 2), ns, how much changed (p,), and their burst (p,)."""
     times, amount, burst = [], [], []
     for number, rows in enumerate(bursts(t)):
-        small = [SMALL[kind](message_of(int(i))) for i in rows]
-        at = t[rows] + np.array([after for _, after in small])
-        for i in range(len(rows) - 1):
-            times.append((at[i], at[i + 1]))
-            amount.append(_difference(small[i][0], small[i + 1][0]))
+        small = [_small(kind, content_of, int(i)) for i in rows]
+        for i in np.flatnonzero([a is not None and b is not None for a, b in pairwise(small)]):
+            (before, late), (after, later) = small[i], small[i + 1]
+            times.append((t[rows[i]] + late, t[rows[i + 1]] + later))
+            amount.append(_difference(before, after))
             burst.append(number)
     return np.reshape(times, (-1, 2)).astype(np.int64), np.array(amount), np.array(burst)
+
+
+def _small(kind, content_of, i):
+    """Frame i reduced, or None where it cannot be read."""
+    try:
+        return SMALL[kind](content_of(i))
+    except MessageError:
+        return None
 
 
 def _difference(a, b):
@@ -100,15 +109,17 @@ def moved(path, times):
     return np.where(known, shift + angle, np.nan)
 
 
-def find(kind, t, message_of, paths, stated):
+def find(kind, t, content_of, paths, stated):
     """The Lag of a sensor with stamps t (n,), ns, or None where the data tell none that is sure to
     be another than the stated one: {value, sigma}, s.
 
-    paths: Trajectories of all bodies in the map frame; message_of(i) reads a frame.
+    paths: Trajectories of all bodies in the map frame; content_of(i) reads what a frame measured.
     """
     if len(t) < LEAST_PAIRS or not paths:
         return None
-    times, amount, burst = changes(kind, t, message_of)
+    times, amount, burst = changes(kind, t, content_of)
+    if len(times) < LEAST_PAIRS:
+        return None
     tried = stated["value"] + np.arange(-REACH_S, REACH_S + STEP_S / 2, STEP_S)
     late = np.round(tried * NS).astype(np.int64)
     motion = sum(moved(p, times[None] + late[:, None, None]) for p in paths)

@@ -7,17 +7,16 @@ at which most placements have a candidate where the target was wins. What stood 
 otherwise agrees with no more than a few by chance.
 """
 
-from calib import clouds
 from calib.guessing import candidates, pairing
+from calib.guessing.looks import readable
 
 
-def find(lidar, shapes, looks, message_of, options):
+def find(lidar, shapes, looks, content_of, options):
     """Found: the pose at which most placements have a candidate where the target was."""
     forms = {n: candidates.Form.of(s) for n, s in shapes.items()}
     rows = []
-    for number, look in enumerate(looks):
-        xyz = clouds.points(message_of(look.frame))[0].astype(float)
-        points = candidates.thinned(lidar, xyz)
+    for number, (look, (xyz, _, _)) in enumerate(readable(looks, content_of)):
+        points = candidates.thinned(lidar, xyz.astype(float))
         form, target = forms[look.target], shapes[look.target]
         for seen in candidates.find(lidar, target, form, points, options):
             rows.append(pairing.pair(*seen, form, look.T_robot_target, number))

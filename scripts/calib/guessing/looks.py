@@ -1,10 +1,12 @@
 """Which frames to look at: one per placement, the most different placements first."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from calib import cropping, views
+from calib.status import MessageError
 
 NEW_M, NEW_RAD = 0.05, np.radians(5)  # by which a placement that tells something new differs
 
@@ -17,6 +19,13 @@ class Look:
     target: str
     placement: int
     T_robot_target: np.ndarray
+
+
+def readable(looks, content_of):
+    """(look, what the sensor measured) of the looks whose message can be read, in their order."""
+    for look in looks:
+        with suppress(MessageError):
+            yield look, content_of(look.frame)
 
 
 def choose(frames, placements, T_robot_target, target, options):

@@ -34,7 +34,7 @@ class Recording:
             for target in sorted(mounts)
             for look in looks.choose(frames, self.placements, T, target, self.options)
         ]
-        return found, cropping.reader(self.log, sensor["topic"], frames)
+        return found, cropping.reader(self.log, sensor, frames)
 
     def mount(self, target, cameras, poses):
         """The handeye.Mount of a target by the first of the cameras (name -> block) that tells it.
@@ -53,11 +53,11 @@ class Recording:
     def sensor(self, name, sensor, mounts):
         """Found: a sensor by what it saw of the targets with a mount (name -> T_body_target)."""
         shapes = {n: targets.from_config(self.targets[n]) for n in mounts}
-        seen, message_of = self._looks(name, sensor, mounts)
+        seen, content_of = self._looks(name, sensor, mounts)
         if not seen:
             return Found(status=_no_frame(sorted(mounts)))
         find = guessing.SENSORS[sensor["kind"]]
-        return find(rig.model(sensor), shapes, seen, message_of, self.options)
+        return find(rig.model(sensor), shapes, seen, content_of, self.options)
 
 
 def _no_camera(target):

@@ -28,6 +28,7 @@ def streams(run, session):
                 "rate": text.number(audit.get("rate_hz", 0.0)),
                 "gap": text.number(gap),
                 "ok": audit.get("status", {}).get("ok", False),
+                "told": [f"{k}: {v}" for k, v in sorted(audit.get("told", {}).items())],
             }
         )
     return rows

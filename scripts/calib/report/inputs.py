@@ -1,6 +1,6 @@
 """The files of a report as a Run."""
 
-from calib import stage, tables
+from calib import lenses, stage, tables
 from calib.report.run import LIGHT, VIEWS, Run, Session, Stream
 from calib.status import Status
 
@@ -32,11 +32,13 @@ def read_sessions(args, options):
 def read_run(args):
     """Everything the report shows."""
     options = args.options
+    sessions = read_sessions(args, options)
+    guesses = ((n, s.guess) for heard in sessions.values() for n, s in heard.streams.items())
     return Run(
-        options=options,
+        options=options | {"sensors": lenses.told(options["sensors"], guesses)},
         calibration=stage.read_json(args.calibration),
         verdict=stage.read_json(args.verdict),
         residuals=tables.read(args.residuals, tables.RESIDUALS)[0],
         iterations=tables.read(args.iterations, tables.ITERATIONS)[0],
-        sessions=read_sessions(args, options),
+        sessions=sessions,
     )

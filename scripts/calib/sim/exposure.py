@@ -54,12 +54,42 @@ def blurred(image, sigma_px):
 
 
 def expose(image, encoding, noise, rng):
-    """Image (height, width[, 3]) uint8 of an unrounded one: Gaussian noise per channel, rounded."""
-    image = (image @ GREY if encoding == "mono8" else image).astype(np.float32)
+    """Image (height, width[, 3]) uint8 of an unrounded one: Gaussian noise per channel, rounded.
+
+    It is blue green red, or grey where the encoding is.
+    """
+    image = (image @ GREY if encoding.startswith("mono") else image).astype(np.float32)
     if noise:
         drawn = rng.standard_normal(image.shape, np.float32)
         image += np.multiply(drawn, np.float32(noise), out=drawn)
     return np.clip(np.rint(image, out=image), 0, 255, out=image).astype(np.uint8)
+
+
+def _mosaic(pixels, pattern):
+    """What the pixels of a Bayer mosaic see: pattern names the first four, row by row."""
+    out = np.empty(pixels.shape[:2], np.uint8)
+    for i, color in enumerate(pattern):
+        at = np.s_[i // 2 :: 2, i % 2 :: 2]
+        out[at] = pixels[(*at, "bgr".index(color))]
+    return out
+
+
+# What an Image of that encoding holds of pixels as `expose` makes them.
+ENCODINGS = {
+    "bgr8": lambda p: p,
+    "mono8": lambda p: p,
+    "mono16": lambda p: p.astype("<u2") * 257,
+    "rgb8": lambda p: p[..., ::-1],
+    "rgb16": lambda p: p[..., ::-1].astype("<u2") * 257,
+    "bgra8": lambda p: cv2.cvtColor(p, cv2.COLOR_BGR2BGRA),
+    "rgba8": lambda p: cv2.cvtColor(p, cv2.COLOR_BGR2RGBA),
+    "bayer_rggb8": lambda p: _mosaic(p, "rggb"),
+    "bayer_bggr8": lambda p: _mosaic(p, "bggr"),
+    "bayer_gbrg8": lambda p: _mosaic(p, "gbrg"),
+    "bayer_grbg8": lambda p: _mosaic(p, "grbg"),
+    "yuv422": lambda p: cv2.cvtColor(p, cv2.COLOR_BGR2YUV_UYVY),
+    "yuv422_yuy2": lambda p: cv2.cvtColor(p, cv2.COLOR_BGR2YUV_YUY2),
+}
 
 
 def compress(pixels, encoding):

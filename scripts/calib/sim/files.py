@@ -39,7 +39,7 @@ def rig_config(rig, guesses, args):
             "topic": spec.topic + ("/compressed" if is_camera and spec.compressed else ""),
             "T_robot_sensor": written_pose(T),
             "guess_sigma": of_guess,
-            **(_camera(spec) if is_camera else _lidar(spec, args)),
+            **(_lens(spec, args) if is_camera else _lidar(spec, args)),
         }
     truth = {
         name: {"xyz_m": _floats(T[:3, 3]), "quat_xyzw": _floats(to_quat(T))}
@@ -56,6 +56,12 @@ def _lidar(spec, args):
         "azimuth_deg": [-spec.sector_deg, spec.sector_deg],
         "range_sigma_m": max(args.range_noise_m, RANGE_FLOOR_M),
     }
+
+
+def _lens(spec, args):
+    if args.camera_info:
+        return {"camera_info": f"{record.namespace(spec.topic)}/camera_info"}
+    return _camera(spec)
 
 
 def _camera(spec):

@@ -2,16 +2,29 @@
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from calib.geometry import to_quat
 from calib.sim import drivers, exposure
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
+STORE.register(
+    get_types_from_msg(
+        "std_msgs/Header header\nuint64 timebase\nuint32 point_num\nuint8 lidar_id\n"
+        "uint8[3] rsvd\nCustomPoint[] points",
+        "livox_ros_driver2/msg/CustomMsg",
+    )
+    | get_types_from_msg(
+        "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\nuint8 reflectivity\nuint8 tag\n"
+        "uint8 line",
+        "livox_ros_driver2/msg/CustomPoint",
+    )
+)
 CHUNK_BYTES = 1_000_000
 TF, CLOUD, IMAGE = "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image"
 COMPRESSED, INFO = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
-NUMPY_TO_FIELD = {"uint8": 2, "uint16": 4, "uint32": 6, "float32": 7, "float64": 8}
+SCAN, LIVOX = "sensor_msgs/msg/LaserScan", "livox_ros_driver2/msg/CustomMsg"
+NUMPY_TO_FIELD = {"int8": 1, "uint8": 2, "uint16": 4, "uint32": 6, "float32": 7, "float64": 8}
 DISTORTION = {"radtan": ("plumb_bob", 5), "kannala_brandt": ("equidistant", 4)}  # name, numbers
 
 
@@ -47,7 +60,11 @@ def transforms(t, parent, T_parent_child):
 
 
 def cloud(t, frame, driver, echoes):
-    """PointCloud2 of a driver (drivers.DRIVERS), stamped t, ns: the time of the first column."""
+    """Message of a driver (MESSAGES, or PointCloud2 of drivers.DRIVERS) whose first column is
+    fired at t, ns."""
+    if driver in MESSAGES:
+        return MESSAGES[driver](t, frame, echoes)
+    first, echoes = echoes.t, drivers.stamped(driver, echoes)
     points = drivers.points(driver, echoes)
     layout, (height, width) = points.dtype, points.shape
     fields = [
@@ -62,7 +79,7 @@ def cloud(t, frame, driver, echoes):
     ]
     return _make(
         CLOUD,
-        header=_header(t, frame),
+        header=_header(t + echoes.t - first, frame),
         height=height,
         width=width,
         fields=fields,
@@ -74,6 +91,40 @@ def cloud(t, frame, driver, echoes):
     )
 
 
+def _custom(t, frame, echoes):
+    """Livox CustomMsg of the returns in the order of firing."""
+    columns, lines = np.nonzero(echoes.returned)
+    xyz = echoes.xyz[columns, lines].astype(np.float32).tolist()
+    after = echoes.after[columns, 0].tolist()
+    points = [
+        _make(f"{LIVOX.removesuffix('Msg')}Point", offset_time=dt, x=x, y=y, z=z, reflectivity=9,
+              tag=0, line=line)
+        for (x, y, z), dt, line in zip(xyz, after, lines.tolist(), strict=True)
+    ]  # fmt: skip
+    return _make(
+        LIVOX, header=_header(t, frame), timebase=t, point_num=len(points), lidar_id=1,
+        rsvd=np.zeros(3, np.uint8), points=points,
+    )  # fmt: skip
+
+
+def _scan(t, frame, echoes):
+    """LaserScan of the first beam, whose columns are evenly spaced in angle and time."""
+    seen = np.flatnonzero(echoes.returned[:, 0])
+    angle = np.unwrap(np.arctan2(*echoes.xyz[seen, 0, 1::-1].T))
+    step = float(angle[-1] - angle[0]) / float(seen[-1] - seen[0])
+    first, n = float(angle[0] - step * seen[0]), len(echoes.returned)
+    after = float(echoes.after[1, 0] - echoes.after[0, 0])
+    ranges = np.where(echoes.returned, echoes.distance, np.inf)[:, 0].astype(np.float32)
+    return _make(
+        SCAN, header=_header(t, frame), angle_min=first, angle_max=first + step * (n - 1),
+        angle_increment=step, time_increment=after * 1e-9, scan_time=0.1, range_min=0.1,
+        range_max=100.0, ranges=ranges, intensities=np.zeros(0, np.float32),
+    )  # fmt: skip
+
+
+MESSAGES = {"livox_custom": _custom, "laserscan": _scan}
+
+
 def image(t, frame, spec, pixels):
     """(topic, type, message) of pixels (height, width[, channels]) uint8 in the encoding of a
     rigs.Camera; t, ns, is the middle of the exposure."""
@@ -82,6 +133,7 @@ def image(t, frame, spec, pixels):
         what = f"bgr8; {spec.encoding} compressed bgr8"
         message = _make(COMPRESSED, header=_header(t, frame), format=what, data=data)
         return f"{spec.topic}/compressed", COMPRESSED, message
+    data = np.ascontiguousarray(exposure.ENCODINGS[spec.encoding](pixels))
     message = _make(
         IMAGE,
         header=_header(t, frame),
@@ -89,8 +141,8 @@ def image(t, frame, spec, pixels):
         width=pixels.shape[1],
         encoding=spec.encoding,
         is_bigendian=0,
-        step=pixels[0].nbytes,
-        data=pixels.reshape(-1),
+        step=data[0].nbytes,
+        data=data.reshape(-1).view(np.uint8),
     )
     return spec.topic, IMAGE, message
 

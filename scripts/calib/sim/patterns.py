@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 TURN_NS = 100_000_000
+FLAT_DEG = 0.5  # across the only beam of a 2-D scanner
 
 
 class Firing(NamedTuple):
@@ -34,7 +35,8 @@ class Spinning(NamedTuple):
     @property
     def steps_deg(self):
         """Between columns and between beams."""
-        return 360 / self.columns, abs(self.elevation_deg[1] - self.elevation_deg[0])
+        beams = (*self.elevation_deg, *self.elevation_deg[:1])
+        return 360 / self.columns, abs(beams[1] - beams[0]) or FLAT_DEG
 
     def firing(self, sector, number):
         """Firing of the turn of that number; all turns are alike."""
@@ -98,5 +100,6 @@ def _rays(azimuth, elevation):
 PATTERNS = {
     "beams16": Spinning(tuple(range(-15, 16, 2)), 1800),
     "beams32": Spinning(tuple(np.linspace(16.6, -16.6, 32).tolist()), 1024),
+    "flat": Spinning((0.0,), 1440),
     "rosette": Rosette(6, 4000, 15.0, (71.3, -44.07)),
 }

@@ -124,14 +124,16 @@ def sees(scene, built, T_world_surfaces, T_world_robot, sensor, name):
 
 
 def _lidar_sees(scene, spec, T_world_surfaces, T_world_lidar, name):
-    """Whether 8 rings 2° apart meet the board, 3 the cylinder, and nothing stands before it."""
+    """Whether 8 rings 2° apart meet the board, 3 the cylinder, or the only one that there is, and
+    nothing stands before it."""
     beams = patterns.coarse(spec.scans, np.deg2rad(spec.sector_deg))
     target = scenes.index(scene, name)
     pose_pair = (T_world_surfaces, T_world_lidar)
     alone = np.isfinite(scenes.cast(scene, *pose_pair, beams, [target])[0])
     seen = scene.surface[scenes.cast(scene, *pose_pair, beams)[1]] == target
     rings = np.sum(np.sum(seen, axis=0) >= 2)
-    return rings >= (8 if name == "board" else 3) and np.array_equal(alone, seen)
+    least = min(8 if name == "board" else 3, beams.shape[1])
+    return rings >= least and np.array_equal(alone, seen)
 
 
 def _camera_sees(scene, camera, T_world_surfaces, T_world_camera, name):

@@ -99,7 +99,8 @@ def clouds(session, name, number):
             spread=np.deg2rad(args.beam_divergence_deg),
         )
         log_t = t + patterns.TURN_NS + 2_000_000 + rng.integers(0, 1_000_000)
-        yield log_t, spec.topic, log.CLOUD, log.cloud(t, name, spec.driver, echoes)
+        message = log.cloud(t, name, spec.driver, echoes)
+        yield log_t, spec.topic, message.__msgtype__, message
 
 
 def images(session, name, number):

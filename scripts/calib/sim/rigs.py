@@ -82,6 +82,15 @@ LIDARS = {  # of --lidar: cloud format and scan pattern
     "ouster": ("ouster", "beams32"),
     "plain": ("plain", "beams16"),
     "livox": ("livox", "rosette"),
+    "livox_custom": ("livox_custom", "rosette"),
+    "velodyne_last": ("velodyne_last", "beams16"),
+    "hesai": ("hesai", "beams32"),
+    "robosense": ("robosense", "beams16"),
+    "nebula": ("nebula", "beams32"),
+    "nebula_legacy": ("nebula_legacy", "beams32"),
+    "sick": ("sick", "beams16"),
+    "sick_split": ("sick_split", "beams16"),
+    "laserscan": ("laserscan", "flat"),
 }
 SETTINGS = {  # blocks of config.yaml: the demo is to be over within a minute
     "demo": {
