@@ -188,7 +188,20 @@ def report_options(w):
 
 
 def export_options(w):
-    return options(export=CONFIG["export"], body=RIGS[w.rig]["body"])
+    rig, used = RIGS[w.rig], {s: SESSIONS[s]["sensors"] for s in sessions_of(w.rig)}
+    keys = ("kind", "topic", "model", "size_px", "params")
+    sensors = {
+        s: {k: rig["sensors"][s][k] for k in keys if k in rig["sensors"][s]}
+        for s in sensors_of(w.rig)
+    }
+    targets = {t: TARGETS[t] for t in targets_of(w.rig)}
+    shown = {"sensors": sensors, "targets": targets, "sessions": used}
+    return options(export=CONFIG["export"] | rig["export"], body=rig["body"], **shown)
+
+
+def patched_urdf(w):
+    """The URDF that export places the sensors in, if the rig names one."""
+    return RIGS[w.rig]["export"].get("urdf", [])
 
 
 def of_sessions(pattern):
