@@ -11,7 +11,7 @@ from pathlib import Path
 SCRIPTS = Path(workflow.basedir) / "scripts"
 sys.path.insert(0, str(SCRIPTS))
 
-from calib import logs
+from calib import logs, priors
 from calib.config import load
 from calib.status import InputError
 from snakemake.exceptions import WorkflowError
@@ -31,6 +31,11 @@ def checked(function, *arguments):
 
 
 CONFIG, RIGS, TARGETS = checked(load, config)
+GIVEN = {
+    name: checked(priors.read, rig["guess_from"], rig)
+    for name, rig in RIGS.items()
+    if "guess_from" in rig
+}
 SESSIONS = CONFIG["sessions"]
 FIGURES = ("extrinsics", "coverage", "residuals")
 RIG_OF = {name: session["rig"] for name, session in SESSIONS.items()}
@@ -115,6 +120,9 @@ def guess_options(w):
         if any("mount" in t for t in targets.values()):
             sensors = {s: RIGS[w.rig]["sensors"][s] for s in session["sensors"]}
             more["cameras"] = {s: c for s, c in sensors.items() if c["kind"] == "camera"}
+        asked = {w.sensor, *more["cameras"]}
+        given = {s: g for s, g in GIVEN.get(w.rig, {}).items() if s in asked}
+        more |= {"given": given} if given else {}
     return sensor_options("guess", w, body=RIGS[w.rig]["body"], **more)
 
 
