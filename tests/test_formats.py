@@ -15,6 +15,7 @@ import yourdfpy
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from calib import formats, geometry, images, rig, stage, tables, urdf
@@ -437,20 +438,20 @@ def test_the_mcap_for_foxglove_holds_coloured_clouds_and_points_drawn_into_the_i
     result = stage.read_json(finished / "results/sim/calibration.json")["sensors"]
     T = {n: np.array(s["T_robot_sensor"]["matrix"]) for n, s in result.items()}
     same(chained(edges_of_bag(exported / "foxglove_sim.mcap"), BODY, "camera"), T["camera"])
-    assert len(found["/camera/image"]) == len(found["/camera/projected"]) == 4
-    assert len(found["/camera/camera_info"]) == 4
+    assert len(found["/board/camera/image"]) == len(found["/board/camera/projected"]) == 4
+    assert len(found["/board/camera/camera_info"]) == 4
     assert found["/tf_static"][0][0] <= min(t for m in found.values() for t, _ in m)
     camera = rig.camera(sensor_of("left") | {"params": list(rigs.PARAMS["radtan"])})
     coloured, drawn = 0, 0
     for (_, image), (_, marked) in zip(
-        found["/camera/image"], found["/camera/projected"], strict=True
+        found["/board/camera/image"], found["/board/camera/projected"], strict=True
     ):
         plain, marked = (cv2.imdecode(m.data, cv2.IMREAD_COLOR) for m in (image, marked))
         assert plain.shape == (700, 900, 3) and marked.shape == plain.shape
         drawn += (np.abs(plain.astype(int) - marked).max(2) > 60).sum()
     assert drawn > 2000
     # A board that both saw is grey, black or white, and what lies there is not left without colour.
-    for _, cloud in found["/velodyne/points"]:
+    for _, cloud in found["/board/velodyne/points"] + found["/cylinder/velodyne/points"]:
         assert cloud.header.frame_id == "velodyne"
         xyz, rgb = points_of(cloud)
         in_camera = geometry.transform(geometry.inverse(T["camera"]) @ T["velodyne"], xyz)
@@ -460,12 +461,12 @@ def test_the_mcap_for_foxglove_holds_coloured_clouds_and_points_drawn_into_the_i
         coloured += (rgb[~away] != 150).any(1).sum()
     assert coloured > 300
     # The target lies where the lidar saw it.
-    near = [
-        np.linalg.norm(geometry.transform(T["velodyne"], points_of(c)[0])[:, None] - points_of(g)[0],
-                       axis=2).min()
-        for (_, c), (_, g) in zip(found["/velodyne/points"], found["/target"], strict=False)
-    ]  # fmt: skip
-    assert np.median(near) < 0.05
+    for name in ("board", "cylinder"):
+        where = dict(found[f"/{name}/points"])
+        for t, cloud in found[f"/{name}/velodyne/points"]:
+            scan = cKDTree(geometry.transform(T["velodyne"], points_of(cloud)[0]))
+            nearest = scan.query(points_of(where[t])[0])[0]
+            assert np.quantile(nearest, 0.1) < 0.03
 
 
 def test_a_return_has_the_colour_of_the_pixel_that_shows_it():
@@ -587,9 +588,8 @@ def test_names_from_a_log_are_data_in_every_format(name, tmp_path):
             )
         )
         links = ElementTree.fromstring(xacro.process_file(str(tmp_path / "s.xacro")).toxml())
-        assert " ".join(bad.split()) in {
-            " ".join(e.get("name").split()) for e in links.iter("link")
-        }
+        names = {" ".join(e.get("name").split()) for e in links.iter("link")}
+        assert " ".join(bad.split()) in names
 
 
 def test_the_index_names_every_file_and_what_could_not_be_written(finished, exported):

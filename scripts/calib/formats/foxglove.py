@@ -13,10 +13,11 @@ from calib.views import evenly
 
 TITLE = (
     "the placements for Foxglove: clouds in the colours of the images, points and targets drawn "
-    "into the images (3D panel: /<lidar>/points, /target; image panel: /<camera>/projected)"
+    "into the images (3D panel: /<target>/points, /<target>/<lidar>/points; image panel: "
+    "/<target>/<camera>/projected)"
 )
 CONVENTION = (
-    "clouds lie in the frames of their sensors, /target in the parent's; each transform of "
+    "clouds lie in the frames of their sensors, targets in the parent's; each transform of "
     "/tf_static maps points of child_frame_id into header.frame_id; metres"
 )
 JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
@@ -95,24 +96,31 @@ def messages(scene, session, number, views):
     """[(t, topic, type, message)] of one placement."""
     seen = {n: v for n, v in views.items() if scene.sensors[n].kind == "camera"}
     scans = {n: v for n, v in views.items() if n not in seen}
+    topic = f"/{target_of(session, number)}"
     target = target_points(scene, session, number)
     out = []
     for name, view in scans.items():
         colours = coloured(scene, scene.sensors[name], view, seen)
         message = bag.cloud(view.t, scene.sensors[name].frame, view.xyz, colours)
-        out.append((view.t, f"/{name}/points", "sensor_msgs/msg/PointCloud2", message))
+        out.append((view.t, f"{topic}/{name}/points", "sensor_msgs/msg/PointCloud2", message))
     for name, view in seen.items():
-        out += _of_camera(scene, scene.sensors[name], view, scans, target)
+        out += _of_camera(scene, f"{topic}/{name}", scene.sensors[name], view, scans, target)
     t = min(v.t for v in views.values())
     message = bag.cloud(t, scene.parent, target, np.tile(GREEN, (len(target), 1)))
-    return [*out, (t, "/target", "sensor_msgs/msg/PointCloud2", message)]
+    return [*out, (t, f"{topic}/points", "sensor_msgs/msg/PointCloud2", message)]
+
+
+def target_of(session, number):
+    """Name of the target of a placement."""
+    p = session.placements
+    return str(p["target"][np.asarray(p["placement"]) == number][0])
 
 
 def target_points(scene, session, number):
     """Points (n, 3) of a placement's target, parent frame, where the motion capture has it."""
     p = session.placements
     row = np.flatnonzero(np.asarray(p["placement"]) == number)[0]
-    name = str(p["target"][row])
+    name = target_of(session, number)
     if name not in scene.T_body_target:
         return np.zeros((0, 3))
     T_markers_body = geometry.from_xyz_quat(p["xyz"][row], p["quat"][row])
@@ -145,9 +153,9 @@ def coloured(scene, lidar, view, seen):
     return colours
 
 
-def _of_camera(scene, sensor, view, scans, target):
+def _of_camera(scene, topic, sensor, view, scans, target):
     """Messages of one image: as it is, with points drawn into it, and its CameraInfo."""
-    out = [_image(view.t, f"/{sensor.name}/image", sensor.frame, view.image)]
+    out = [_image(view.t, f"{topic}/image", sensor.frame, view.image)]
     if sensor.camera is None:
         return out
     drawn = view.image.copy()
@@ -156,10 +164,10 @@ def _of_camera(scene, sensor, view, scans, target):
         points = geometry.transform(scene.sensors[name].T, scan.xyz)
         uv, rows = pixels(sensor, points)
         _draw(drawn, uv, by_range(np.linalg.norm(scan.xyz[rows], axis=1)))
-    out.append(_image(view.t, f"/{sensor.name}/projected", sensor.frame, drawn))
+    out.append(_image(view.t, f"{topic}/projected", sensor.frame, drawn))
     if sensor.camera.model in ros_camera_info.MODELS:
         info = _camera_info(view.t, sensor)
-        out.append((view.t, f"/{sensor.name}/camera_info", "sensor_msgs/msg/CameraInfo", info))
+        out.append((view.t, f"{topic}/camera_info", "sensor_msgs/msg/CameraInfo", info))
     return out
 
 
