@@ -82,8 +82,8 @@ def _joint(data, found, where):
         T, why = _pose(origin), ""
     except ValueError as error:
         T, why = None, str(error)
-    tag = _tag(data, found["origin at" if "origin" in found else "at"], where)
-    span = tag if "origin" in found else (tag[1], tag[1])
+    tag = _tag(data, "origin", found["origin at"], where) if "origin" in found else None
+    span = tag or _tag(data, "joint", found["at"], where)[1:] * 2
     return Joint(name, found["joint"].get("type", ""), *links, T, why, span)
 
 
@@ -104,10 +104,10 @@ def _pose(origin):
     return geometry.from_rpy(*values)
 
 
-def _tag(data, at, where):
-    """First and last byte of the tag that begins at a byte."""
+def _tag(data, name, at, where):
+    """First and last byte of the start tag of an element that begins at a byte."""
     tag = TAG.match(data, at)
-    if tag is None:
+    if tag is None or not tag[0].startswith(f"<{name}".encode()):
         raise InputError(f"{where}: encoded as neither UTF-8 nor ASCII; convert it, as with iconv")
     return tag.span()
 

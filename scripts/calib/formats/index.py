@@ -17,13 +17,7 @@ def render(scene, written, judged, mounted):
         lines += ["", f"## {name}", "", f"What: {module.TITLE}.", "", f"How: {module.CONVENTION}."]
         lines += ["", *_items(_file(file, status) for file, status in files.items())]
     for path, (placed, unplaced) in mounted.items():
-        lines += [
-            "",
-            f"## {path}",
-            "",
-            f"The origins of these joints hold it; {_backup(path)}.",
-            "",
-        ]
+        lines += ["", f"## {path}", "", f"These joints hold it; {_backup(path)}.", ""]
         lines += _items(f"the joint above link `{link}`" for link in sorted(placed))
         lines += _items(f"not for {name}: {status}" for name, status in sorted(unplaced.items()))
     return "\n".join(lines) + "\n"
