@@ -46,6 +46,9 @@ def patch(path, described):
     data = path.read_bytes()
     joints = urdf.read(data, path)
     placed, unplaced = mounting.poses(joints, described)
+    if unplaced and not placed:
+        reasons = "; ".join(f"{n}: {status}" for n, status in sorted(unplaced.items()))
+        raise InputError(f"{path.name}: no sensor can be placed in it: {reasons}")
     changed = urdf.patched(data, joints, placed)
     for joint in urdf.read(changed, path):
         if joint.child in placed and np.abs(joint.T - placed[joint.child]).max() > 1e-12:

@@ -280,9 +280,9 @@ def test_mrcal_itself_reads_its_cameras(tmp_path):
 
 def read_koide3(calibration, files):
     for lidar in ("front", "down"):
-        assert "double_sphere" in files[f"koide3/{lidar}-fish/calib.json"].reason
+        assert "double_sphere" in files[f"koide3/{lidar}/fish/calib.json"].reason
         for camera, model in (("left", "plumb_bob"), ("right", "fisheye")):
-            content = json.loads(files[f"koide3/{lidar}-{camera}/calib.json"])
+            content = json.loads(files[f"koide3/{lidar}/{camera}/calib.json"])
             x, y, z, *quat = content["results"]["T_lidar_camera"]
             T_l, T_c = (T_parent_sensor(calibration, n) for n in (lidar, camera))
             same(matrix([x, y, z], quat), np.linalg.inv(T_l) @ T_c)

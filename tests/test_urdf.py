@@ -323,6 +323,18 @@ def test_a_failed_verdict_leaves_the_urdf_as_it_was(mounted):
     assert (mounted / "robot.urdf").read_text() == ROBOT
 
 
+def test_a_urdf_in_which_no_sensor_can_be_placed_ends_the_run_with_the_reason(mounted):
+    runs.edit(runs.rig(mounted), lambda r: r["export"]["parent"].update(frame="base"))
+    run = runs.snakemake(mounted)
+    assert run.returncode == 1
+    last = run.stderr.split("sim: STOPPED")[1]
+    assert (
+        "robot.urdf: no sensor can be placed in it: camera: no fixed joints lead from base" in last
+    )
+    assert "velodyne: no fixed joints lead from base to mast. State export.parent as" in last
+    assert (mounted / "robot.urdf").read_text() == ROBOT
+
+
 def test_guesses_come_from_the_urdf_as_it_was_before_the_calibration(mounted):
     def forget(r):
         r["guess_from"] = "robot.urdf"

@@ -43,7 +43,7 @@ def render(scene):
     out = {}
     for name, session in scene.sessions.items():
         found = placements(scene, session)
-        sent = [m for n, views in found.items() for m in messages(scene, session, n, views)]
+        sent = [m for n, rows in found.items() for m in messages(scene, session, n, rows)]
         start = min([session.start, *(m[0] for m in sent)])
         out[f"foxglove_{name}.mcap"] = bag.to_bytes(
             [bag.transforms(start, scene.edges()), *sent], about
@@ -52,7 +52,7 @@ def render(scene):
 
 
 def placements(scene, session):
-    """{placement: {sensor: View}} of some placements: those that most sensors saw come first."""
+    """{placement: {sensor: row of its views}} of some, what most sensors saw first."""
     first = {}
     for name, path in session.views.items():
         if name in scene.sensors:
@@ -67,7 +67,7 @@ def placements(scene, session):
     for name in sorted(session.views):
         wanted = {first[n][name]: n for n in found if name in first[n]}
         for view, row in payloads(session.views[name], wanted).items():
-            found[wanted[view]][name] = _view(scene.sensors[name], row)
+            found[wanted[view]][name] = row
     return found
 
 
@@ -85,15 +85,17 @@ def _view(sensor, row):
         xyz = np.asarray(row["xyz"], float).reshape(-1, 3)
         return View(row["t"], xyz=xyz[np.isfinite(xyz).all(1) & (xyz != 0).any(1)])
     part = images.from_png(row["png"])
-    width, height = sensor.camera.size if sensor.camera else part.shape[1::-1]
+    v1, u1 = row["v0"] + part.shape[0], row["u0"] + part.shape[1]
+    width, height = sensor.camera.size if sensor.camera else (u1, v1)
     image, known = np.zeros((height, width, 3), np.uint8), np.zeros((height, width), bool)
-    at = np.s_[row["v0"] : row["v0"] + part.shape[0], row["u0"] : row["u0"] + part.shape[1]]
+    at = np.s_[row["v0"] : v1, row["u0"] : u1]
     image[at], known[at] = part, True
     return View(row["t"], image=image, known=known)
 
 
-def messages(scene, session, number, views):
+def messages(scene, session, number, rows):
     """[(t, topic, type, message)] of one placement."""
+    views = {n: _view(scene.sensors[n], row) for n, row in rows.items()}
     seen = {n: v for n, v in views.items() if scene.sensors[n].kind == "camera"}
     scans = {n: v for n, v in views.items() if n not in seen}
     topic = f"/{target_of(session, number)}"

@@ -1,4 +1,4 @@
-"""Each lidar and camera as the calib.json of koide3's direct_visual_lidar_calibration."""
+"""Every lidar with every camera as the calib.json of koide3's direct_visual_lidar_calibration."""
 
 import json
 
@@ -6,7 +6,7 @@ from calib import geometry
 from calib.formats.scene import worked_pixel, worked_point
 from calib.status import failed
 
-TITLE = "calib.json of direct_visual_lidar_calibration, one folder for every lidar and camera"
+TITLE = "calib.json of direct_visual_lidar_calibration, a folder for every lidar and camera"
 CONVENTION = (
     "T_lidar_camera, x y z qx qy qz qw, maps points of the camera's frame into the lidar's; metres"
 )
@@ -14,9 +14,9 @@ MODELS = {"radtan": ("plumb_bob", 5), "kannala_brandt": ("fisheye", 4)}  # name,
 
 
 def render(scene):
-    """koide3/<lidar>-<camera>/calib.json of every pair."""
+    """koide3/<lidar>/<camera>/calib.json of every pair."""
     return {
-        f"koide3/{lidar.name}-{camera.name}/calib.json": _file(lidar, camera)
+        f"koide3/{lidar.name}/{camera.name}/calib.json": _file(lidar, camera)
         for lidar in scene.lidars.values()
         for camera in scene.cameras.values()
     }
