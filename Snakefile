@@ -255,8 +255,13 @@ rule export:
         calibration="results/{rig}/calibration.json",
         verdict="results/{rig}/verdict.json",
         report=ancient("results/{rig}/report.html"),
+        frames=of_sessions("results/{rig}/{session}/frames.parquet"),
+        placements=of_sessions("results/{rig}/{session}/placements.parquet"),
+        views=of_sensors("results/{rig}/{session}/{sensor}/views.parquet"),
+        urdf=patched_urdf,
         code=code("export"),
     output:
+        "results/{rig}/export/README.md",
         "results/{rig}/export/static_transforms.yaml",
     log:
         "results/{rig}/export.log",
@@ -267,4 +272,6 @@ rule export:
         options=export_options,
     shell:
         "python {input.code[0]:q} --calibration {input.calibration:q}"
-        " --verdict {input.verdict:q} --output {params.folder:q} --options {params.options:q} 2> {log:q}"
+        " --verdict {input.verdict:q} --frames {input.frames:q}"
+        " --placements {input.placements:q} --views {input.views:q} --urdf {input.urdf:q}"
+        " --output {params.folder:q} --options {params.options:q} 2> {log:q}"

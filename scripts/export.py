@@ -1,14 +1,96 @@
 """Files that robots load; the one job that fails on a failed verdict.
 
-Reads   calibration.json, verdict.json
-Writes  export/*, unless the verdict is fail; what stood there before is removed first
+Reads   calibration.json, verdict.json; frames.parquet and placements.parquet of all sessions,
+        views.parquet of all their sensors; the URDF that is to be patched, where there is one
+Writes  export/*, unless the verdict is fail; what stood there before is removed first.
+        The origins of the sensors' joints in that URDF, with a backup beside it
 """
 
+import os
 import shutil
+import tempfile
+from pathlib import Path
 
-from calib import formats, stage
+import numpy as np
+
+from calib import formats, mounting, stage, tables, urdf
+from calib.formats import index
+from calib.formats.scene import scene, session
 from calib.stage import logger
-from calib.status import InputError
+from calib.status import InputError, Status
+
+
+def read_sessions(args, calibration):
+    """The formats' Sessions by name, of those with a message; per-sensor files come by session,
+    then sensor, both sorted."""
+    views, out = iter(args.views), {}
+    used = sorted(args.options["sessions"].items())
+    for (name, sensors), frames, table in zip(used, args.frames, args.placements, strict=True):
+        columns, _, _ = tables.read(frames, tables.FRAMES, ("log_t",))
+        placements, _, _ = tables.read(table, tables.PLACEMENTS)
+        paths = {s: next(views) for s in sorted(sensors)}
+        if len(columns["log_t"]):
+            start = int(np.min(columns["log_t"]))
+            out[name] = session(name, start, calibration, placements, paths)
+    return out
+
+
+def patch(path, described):
+    """Place the sensors of a Scene in the URDF at a path; returns ({child link: T_parent_child},
+    {sensor: Status of why it is not among them}).
+
+    The file as it was before the first calibration stays beside it. It is replaced in one step,
+    and only by what reads as it should.
+    """
+    path = path.resolve()
+    data = path.read_bytes()
+    joints = urdf.read(data, path)
+    placed, unplaced = mounting.poses(joints, described)
+    if unplaced and not placed:
+        reasons = "; ".join(f"{n}: {status}" for n, status in sorted(unplaced.items()))
+        raise InputError(f"{path.name}: no sensor can be placed in it: {reasons}")
+    changed = urdf.patched(data, joints, placed)
+    for joint in urdf.read(changed, path):
+        if joint.child in placed and np.abs(joint.T - placed[joint.child]).max() > 1e-12:
+            raise InputError(f"{path}: joint {joint.name} cannot be written; the file is untouched")
+    if changed != data:
+        backup = urdf.backup_of(path)
+        if not backup.exists():
+            replace(backup, data, path)
+        replace(path, changed, path)
+    return placed, unplaced
+
+
+def replace(path, data, like):
+    """Write a file in one step, with the permissions of another."""
+    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as new:
+        try:
+            new.write(data)
+            new.flush()
+            os.fsync(new.fileno())
+            shutil.copymode(like, new.name)
+            os.replace(new.name, path)
+        except BaseException:
+            Path(new.name).unlink(missing_ok=True)
+            raise
+
+
+def write(folder, described):
+    """Write the files of all formats; returns {format: {file name: Status}}."""
+    out = {}
+    for name, module in formats.FORMATS.items():
+        out[name] = {}
+        for file, content in sorted(module.render(described).items()):
+            out[name][file] = content if isinstance(content, Status) else Status()
+            if isinstance(content, Status):
+                logger.warning("not written: %s: %s", file, content)
+                continue
+            path = folder / file
+            path.parent.mkdir(parents=True, exist_ok=True)
+            data = content.encode() if isinstance(content, str) else content
+            path.write_bytes(data)
+            logger.info("wrote %s (%s, %d bytes)", path, name, len(data))
+    return out
 
 
 def main(argv=None):
@@ -16,6 +98,10 @@ def main(argv=None):
         __doc__,
         calibration="input",
         verdict="input",
+        frames="*input, one per session",
+        placements="*input, one per session",
+        views="*input, one per session and sensor",
+        urdf="*input and output, one or none",
         output="folder",
         options="slice of the config",
     ).parse_args(argv)
@@ -26,11 +112,15 @@ def main(argv=None):
             f"{calibration['rig']} is not exported, its calibration failed:\n  "
             + "\n  ".join(judged["reasons"])
         )
+    described = scene(calibration, args.options, read_sessions(args, calibration))
+    mounted = {path: patch(path, described) for path in args.urdf}
+    for path, (placed, unplaced) in mounted.items():
+        logger.info("%s: placed %s", path, ", ".join(sorted(placed)) or "no joint")
+        for name, status in sorted(unplaced.items()):
+            logger.warning("%s: %s is not placed: %s", path, name, status)
     args.output.mkdir(parents=True)
-    parent = args.options["export"]["parent"] or args.options["body"]
-    for name, module in sorted(formats.FORMATS.items()):
-        (args.output / module.FILE).write_text(module.render(calibration, parent))
-        logger.info("wrote %s (%s)", args.output / module.FILE, name)
+    written = write(args.output, described)
+    (args.output / index.FILE).write_text(index.render(described, written, judged, mounted))
 
 
 if __name__ == "__main__":

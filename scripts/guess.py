@@ -5,9 +5,10 @@ Reads   log.json; where something is to be found: mocap.parquet, placements.parq
 Writes  guess.json: both with their uncertainty and source, T_body_target of the targets whose mount
         is unknown, and the lens where a CameraInfo of the log tells it
 Decides first by how much the clock is off, where what the sensor sees tells that. Then the pose, in
-this order: the rig's own T_robot_sensor, unless the robot's markers were mounted anew; the log's
-/tf_static from the robot body's frame to the frame of the sensor's messages; what the sensor saw of
-the targets, whose poses in the robot frame are known; mounts that are unknown are found by cameras.
+this order: the rig's own T_robot_sensor or the file of its guess_from, unless the robot's markers
+were mounted anew; the log's /tf_static from the robot body's frame to the frame of the sensor's
+messages; what the sensor saw of the targets, whose poses in the robot frame are known; mounts that
+are unknown are found by cameras.
 """
 
 from dataclasses import replace
@@ -20,9 +21,9 @@ from calib.stage import logger
 from calib.status import OK, InputError, Status, failed
 
 
-def from_static(audit, body, frame):
-    """T_body_frame (4, 4) along the static transforms of the log, or None."""
-    edges = {(e["parent"], e["child"]): rig.pose(e["T"]) for e in audit["static"]}
+def from_static(static, body, frame):
+    """T_body_frame (4, 4) along static transforms, those of log.json or of a URDF, or None."""
+    edges = {(e["parent"], e["child"]): rig.pose(e["T"]) for e in static}
     return frames.chain(edges, body, frame)
 
 
@@ -30,10 +31,16 @@ def stated(name, sensor, options, audit):
     """(source, Found) of a pose that the rig or the log states, or of none: no pose, status ok."""
     heard = audit["sensors"][name]
     sigma = rig.pose_sigma(sensor.get("guess_sigma", options["guess"]["sigma"]))
-    if "T_robot_sensor" in sensor:
-        return "config", Found(rig.pose(sensor["T_robot_sensor"]), sigma)
+    given = options.get("given", {}).get(name, {})
+    for source, known in (("config", sensor), (given.get("source"), given)):
+        if "T_robot_sensor" in known:
+            return source, Found(rig.pose(known["T_robot_sensor"]), sigma)
+    if given.get("static"):
+        T = from_static(given["static"], options["body"], heard["frame"].lstrip("/"))
+        if T is not None:
+            return given["source"], Found(T, sigma)
     try:
-        T = from_static(audit, options["body"], heard["frame"])
+        T = from_static(audit["static"], options["body"], heard["frame"])
     except InputError as error:
         remedy = f"Mend what publishes it, or write sensors.{name}.T_robot_sensor."
         status = failed("a static transform of the log is no pose", error, "", remedy)

@@ -250,6 +250,14 @@ def test_rpy_means_yaw_after_pitch_after_roll_about_fixed_axes():
     assert geometry.to_rpy(T) == pytest.approx([roll, pitch, yaw], abs=EPS)
 
 
+@pytest.mark.parametrize("off", [0, 1e-15, 1e-12, 1e-9, 3e-8, 1e-7, 1e-5, 0.1])
+@pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2])
+def test_rpy_gives_the_rotation_back_where_yaw_and_roll_turn_about_one_axis(pitch, off):
+    for roll, yaw in ((0.3, 2.1), (0, 0), (-1.2, 3.1), (np.pi, -np.pi / 2)):
+        T = geometry.from_rpy([0, 0, 0], [roll, pitch + off, yaw])
+        assert geometry.from_rpy([0, 0, 0], geometry.to_rpy(T)) == pytest.approx(T, abs=EPS)
+
+
 def test_quaternions_have_their_real_part_last():
     quarter = np.sqrt(0.5)
     T = geometry.from_xyz_quat([1, 2, 3], [0, 0, quarter, quarter])

@@ -11,7 +11,7 @@ from pathlib import Path
 SCRIPTS = Path(workflow.basedir) / "scripts"
 sys.path.insert(0, str(SCRIPTS))
 
-from calib import logs
+from calib import logs, priors
 from calib.config import load
 from calib.status import InputError
 from snakemake.exceptions import WorkflowError
@@ -31,6 +31,11 @@ def checked(function, *arguments):
 
 
 CONFIG, RIGS, TARGETS = checked(load, config)
+GIVEN = {
+    name: checked(priors.read, rig["guess_from"], rig)
+    for name, rig in RIGS.items()
+    if "guess_from" in rig
+}
 SESSIONS = CONFIG["sessions"]
 FIGURES = ("extrinsics", "coverage", "residuals")
 RIG_OF = {name: session["rig"] for name, session in SESSIONS.items()}
@@ -131,6 +136,9 @@ def guess_options(w):
         if any("mount" in t for t in targets.values()):
             sensors = {s: RIGS[w.rig]["sensors"][s] for s in session["sensors"]}
             more["cameras"] = {s: c for s, c in sensors.items() if c["kind"] == "camera"}
+        asked = {w.sensor, *more["cameras"]}
+        given = {s: g for s, g in GIVEN.get(w.rig, {}).items() if s in asked}
+        more |= {"given": given} if given else {}
     return sensor_options("guess", w, body=RIGS[w.rig]["body"], **more)
 
 
@@ -204,7 +212,20 @@ def report_options(w):
 
 
 def export_options(w):
-    return options(export=CONFIG["export"], body=RIGS[w.rig]["body"])
+    rig, used = RIGS[w.rig], {s: SESSIONS[s]["sensors"] for s in sessions_of(w.rig)}
+    keys = ("kind", "topic", "model", "size_px", "params")
+    sensors = {
+        s: {k: rig["sensors"][s][k] for k in keys if k in rig["sensors"][s]}
+        for s in sensors_of(w.rig)
+    }
+    targets = {t: TARGETS[t] for t in targets_of(w.rig)}
+    shown = {"sensors": sensors, "targets": targets, "sessions": used}
+    return options(export=CONFIG["export"] | rig["export"], body=rig["body"], **shown)
+
+
+def patched_urdf(w):
+    """The URDF that export places the sensors in, if the rig names one."""
+    return RIGS[w.rig]["export"].get("urdf", [])
 
 
 def of_sessions(pattern):
@@ -283,7 +304,6 @@ def results(rig, home):
 def complaint(path):
     """What ended the job of a log file, if it did not end well; a failed verdict is no such end."""
     lines = path.read_text().splitlines()
-    if path.name != "export.log" and any(
-        line.startswith(("error: ", "Traceback")) for line in lines
-    ):
+    ended = [line for line in lines if line.startswith(("error: ", "Traceback"))]
+    if ended and not ended[-1].endswith("is not exported, its calibration failed:"):
         yield f"{path}: {lines[-1].removeprefix('error: ')}"

@@ -59,9 +59,7 @@ def _explain(error):
         allowed = sorted(error.schema.get("properties", {}))
         # YAML reads 007, on and 2026-03-01 as keys that are no text.
         unknown = sorted(str(k) for k in error.instance if k not in allowed)[0]
-        near = difflib.get_close_matches(unknown, allowed, 1)
-        remedy = f"did you mean {near[0]}?" if near else f"known: {', '.join(allowed)}"
-        return f"{path}: unknown key {unknown}; {remedy}"
+        return f"{path}: unknown key {unknown}; {_nearest(unknown, allowed)}"
     if error.validator == "required":
         missing = sorted(set(error.validator_value) - set(error.instance))
         return f"{path}: missing key {missing[0]}"
@@ -92,7 +90,7 @@ def load(config, folder="config"):
     """(config, rigs, targets) by name, complete, of a loaded config.yaml and its folder."""
     config = complete("config", config, f"{folder}/config.yaml")
     names = sorted({s["rig"] for s in config["sessions"].values()})
-    rigs = {n: _named("rig", f"{folder}/rigs/{n}.yaml") for n in names}
+    rigs = {n: _rig(f"{folder}/rigs/{n}.yaml") for n in names}
     files = sorted(Path(folder, "targets").glob("*.yaml"))
     for file in files:
         _check_name(file)
@@ -106,6 +104,22 @@ def load(config, folder="config"):
 
 def _named(kind, path):
     return complete(kind, load_yaml(path), path)
+
+
+def _rig(path):
+    """A rig whose files are there and whose exports name sensors that it has."""
+    rig = _named("rig", path)
+    export, sensors = rig["export"], rig["sensors"]
+    for key, file in (("guess_from", rig.get("guess_from")), ("export.urdf", export.get("urdf"))):
+        if file and not Path(file).is_file():
+            raise InputError(f"{path}: {key}: no file {file} in {Path.cwd()}")
+    named = {"export.body_frames": export["body_frames"], "export.parent": {}}
+    if "sensor" in export.get("parent", {}):
+        named["export.parent"] = [export["parent"]["sensor"]]
+    for key, names in named.items():
+        for name in sorted(set(names) - set(sensors)):
+            raise InputError(f"{path}: {key}: no sensor {name}; {_nearest(name, sensors)}")
+    return rig
 
 
 def _target(path):
@@ -134,9 +148,14 @@ def _choose(wanted, known, session, what, folder):
         raise InputError(f"{folder}/{what}: no file there; a calibration needs at least one")
     for name in wanted or ():
         if name not in known:
-            near = difflib.get_close_matches(name, known, 1)
-            remedy = f"did you mean {near[0]}?" if near else f"known: {', '.join(sorted(known))}"
             raise InputError(
-                f"{folder}/config.yaml: sessions.{session}.{what}: no {name} there; {remedy}"
+                f"{folder}/config.yaml: sessions.{session}.{what}: no {name} there; "
+                + _nearest(name, known)
             )
     return sorted(wanted or known)
+
+
+def _nearest(name, known):
+    """What to say of a name that is not among those known."""
+    near = difflib.get_close_matches(name, known, 1)
+    return f"did you mean {near[0]}?" if near else f"known: {', '.join(sorted(known))}"

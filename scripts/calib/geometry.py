@@ -107,8 +107,15 @@ def from_rpy(xyz, rpy):
 
 
 def to_rpy(T):
-    """Roll, pitch, yaw (3,), rad, of T (4, 4): R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    return Rotation.from_matrix(T[:3, :3]).as_euler("xyz")
+    """Roll, pitch, yaw (3,), rad, of T (4, 4): R = Rz(yaw) Ry(pitch) Rx(roll).
+
+    Where the pitch is at or near ±90° yaw and roll are not told apart, but R is still met to
+    rounding: what is left of R without the yaw, however wrong that is, gives the other two.
+    """
+    R = np.asarray(T, float)[:3, :3]
+    yaw = np.arctan2(R[1, 0], R[0, 0])
+    rest = so3_exp([0, 0, -yaw]) @ R
+    return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), np.arctan2(-rest[2, 0], rest[0, 0]), yaw])
 
 
 def se3_exp(xi):
