@@ -77,6 +77,7 @@ def parse(argv):
     add("--move-s", type=float, default=0.8, help="how long it moves to the next")
     add("--targets", type=_targets, default=["board", "cylinder"], help="default board,cylinder")
     add("--camera-info", action="store_true", help="written in place of the cameras' params")
+    add("--upright", action="store_true", help="robot and targets turn about the vertical only")
     add("--label-swaps", type=int, default=0, help="times that two bodies exchange their names")
     for flag, kind, what in SENSORS:
         add(flag, help=what, **kind)
@@ -115,7 +116,9 @@ def _session(args, built, kinds, shifts, number, name):
     """The record.Session of that number and name."""
     rng = [_rng(args, stream, number) for stream in range(SWAPS + 1)]
     # Drawn with targets of the size written in the config, whatever size they are built in.
-    drawn = placements.draw(rng[PLACES], scene.build(args.targets), built, kinds, args.placements)
+    drawn = placements.draw(
+        rng[PLACES], scene.build(args.targets), built, kinds, args.placements, args.upright
+    )
     times = motion.placement_times(drawn.slots, args.hold_s, args.move_s)
     sigma = np.repeat([args.mcs_bias_m, np.deg2rad(args.mcs_bias_deg)], 3)
     biases = {k: sigma * rng[BIAS].standard_normal((args.placements, 6)) for k in drawn.knots}

@@ -182,16 +182,24 @@ def test_a_value_that_is_no_number_fails():
     assert verdict.level(float("nan"), LIMITS, "sigma_m") == "fail"
 
 
-def moved(shift, prior=0.002):
+def moved(shift, prior=0.002, held=()):
     """Findings of a rig whose board was estimated elsewhere than stated, by (6,), m and rad."""
     made = setup(0, MIXED)
     told = content(made)
     told["targets"] = {"board": {"shift": shift, "prior": [prior] * 3 + [0.005] * 3}}
+    told["targets"]["board"]["open"] = list(held)
     return [f for f in verdict.of_rig(told, LIMITS)[1] if f["check"] == "alignment"]
 
 
 def test_a_board_estimated_6_mm_from_where_it_was_stated_to_2_mm_passes():
     assert moved([0.0059, 0, 0, 0, 0, 0]) == []
+
+
+def test_what_nothing_tells_of_a_mount_is_named_with_what_to_record():
+    (found,) = moved([0.0] * 6, held=["its place along y"])
+    assert found["level"] == "warn"
+    assert "nothing tells where board sits in its body by its place along y" in found["text"]
+    assert found["remedy"].startswith("tilt board by 30° or more about two other axes")
 
 
 @pytest.mark.parametrize(("mm", "level"), [(10, "warn"), (25, "fail")])

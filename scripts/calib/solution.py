@@ -23,6 +23,8 @@ from calib.information import covariance
 from calib.kinds.assignment import loss_weight
 from calib.status import OK, failed
 
+MOUNT = [f"{what} {axis}" for what in ("its place along", "its turn about") for axis in "xyz"]
+HELD = 0.9  # of the σ of a prior: what is known no better is told by nothing else
 PACKAGES = ("casadi", "mcap", "numpy", "opencv-python-headless", "pyarrow", "rosbags", "scipy")
 
 
@@ -172,9 +174,10 @@ def tests_of(name, setup, result, left):
 
 
 def targets(setup, result, options):
-    """{name: {T_body_target, covariance, shift, prior} where it was estimated, else None}.
+    """{name: {T_body_target, covariance, shift, prior, open} where it was estimated, else None}.
 
     shift (6,): from where the config puts it; prior (6,): the σ of that; None for unknown mounts.
+    open: in words, what of it nothing tells and the prior alone holds, though it matters.
     """
     out = dict.fromkeys(sorted(options["targets"]))
     first = 6 * len(setup.models)
@@ -183,11 +186,15 @@ def targets(setup, result, options):
         block = covariance(result.solution.information)[at, at]
         pose = rig.pose_json(result.state.mounts[name])
         out[name] = {"T_body_target": pose, "covariance": block.tolist()}
-        out[name] |= {"shift": None, "prior": None}
+        out[name] |= {"shift": None, "prior": None, "open": []}
         if name in setup.alignment:
             off = geometry.inverse(setup.mounts[name]) @ result.state.mounts[name]
-            prior = setup.alignment[name].tolist()
-            out[name] |= {"shift": geometry.se3_log(off).tolist(), "prior": prior}
+            prior = setup.alignment[name]
+            ratio = np.sqrt(np.diag(block)) / prior
+            unseen = [3 + axis for axis in setup.targets[name].turns]
+            held = [MOUNT[k] for k in range(6) if ratio[k] > HELD and k not in unseen]
+            shift = geometry.se3_log(off).tolist()
+            out[name] |= {"shift": shift, "prior": prior.tolist(), "open": held}
     return out
 
 

@@ -247,7 +247,7 @@ def of_target(name, target, limits):
     value = float((np.abs(shift) / prior).max())
     found = level(value, limits, "correction_sigma")
     if found == "pass":
-        return []
+        return _held(name, target["open"])
     limit = limits[f"{found}_correction_sigma"]
     mm, deg = np.linalg.norm(shift.reshape(2, 3), axis=1) * [MM, DEG]
     text = (
@@ -256,6 +256,18 @@ def of_target(name, target, limits):
     )
     remedy = f"write T_body_target of {name} as estimated, or see what else is wrong if it is sure"
     return [finding("alignment", [], found, text, remedy, value, limit)]
+
+
+def _held(name, directions):
+    """The finding on what nothing tells of a target's place in its body, if there is any."""
+    if not directions:
+        return []
+    text = (
+        f"nothing tells where {name} sits in its body by {', '.join(directions)}: its "
+        "alignment_sigma stands in the σ of the sensors, as all placements turn alike"
+    )
+    remedy = f"tilt {name} by 30° or more about two other axes in some placements, and record again"
+    return [finding("alignment", [], "warn", text, remedy, None, None)]
 
 
 def of_sessions(rows, limits):

@@ -21,9 +21,9 @@ BURSTS, FRAMES = 10, 12  # of consecutive frames that are read
 LEAST_S = 0.09  # from one frame to the next
 STILL = 0.003  # m or rad; below it nothing moved
 LEAST_PAIRS, LEAST_RANK = 20, 0.5  # pairs of frames, and correlation, that tell an offset
-LEAST_GAIN = 0.1  # in correlation over the stated offset
+LEAST_GAIN = 0.1  # in correlation over the stated offset and over all that are not near the best
 CLOSER = 3.0  # σ of the stated offset: one as near to it is for the solve to find
-ALIKE_S = 0.15  # by which the answers without one of the bursts may differ
+ALIKE_S = 0.25  # within which offsets are one answer
 PIXELS, CELLS = (64, 48), (120, 60)  # to which images, and azimuth and elevation, are reduced
 FAR_M = 1.0  # a range that changed by more counts so much
 
@@ -65,7 +65,8 @@ def bursts(t):
     stride = max(1, int(np.ceil(LEAST_S / period - 1e-3))) if period > 0 else 1
     kept = np.arange(0, len(t), stride)
     if len(kept) <= BURSTS * FRAMES:
-        return np.array_split(kept, min(BURSTS, max(1, len(kept) // 2)))
+        ends = np.linspace(0, len(kept) - 1, min(BURSTS, len(kept) - 1) + 1).astype(int)
+        return [kept[a : b + 1] for a, b in zip(ends[:-1], ends[1:], strict=True)]
     starts = np.round(np.linspace(0, len(kept) - FRAMES, BURSTS)).astype(int)
     return [kept[s : s + FRAMES] for s in starts]
 
@@ -130,12 +131,12 @@ def find(kind, t, content_of, paths, stated):
         tried[np.argmax(correlations(motion[:, burst != b], amount[burst != b]))]
         for b in np.unique(burst)
     ]
-    agree = np.abs(without - found).max() < ALIKE_S
-    gain = score[best] - score[now]
-    sure = agree and score[best] > LEAST_RANK and gain > LEAST_GAIN
+    rival = score[np.abs(tried - found) > ALIKE_S].max()
+    sure = score[best] > LEAST_RANK and score[best] - max(rival, score[now]) > LEAST_GAIN
     if not sure or abs(found - stated["value"]) < CLOSER * stated["sigma"]:
         return None
-    spread = np.sqrt((len(without) - 1) / len(without) * np.sum((without - found) ** 2))
+    near = np.clip(without - found, -ALIKE_S, ALIKE_S)
+    spread = np.sqrt((len(without) - 1) / len(without) * np.sum(near**2))
     sigma = float(np.hypot(max(spread, STEP_S), np.median(np.diff(times)) / NS / 4))
     return Lag(
         float(found), sigma, f"{len(amount)} pairs of frames change as the MCS moves "

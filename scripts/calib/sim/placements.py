@@ -27,9 +27,10 @@ class Drawn(NamedTuple):
         return np.arange(len(self.kind)) + np.cumsum(np.diff(self.kind, prepend=self.kind[0]) != 0)
 
 
-def draw(rng, scene, built, kinds, count):
-    """Drawn placements: kind after kind, those of one in an order of small steps."""
-    drawn = [_draw_one(rng, scene, built, kinds, k) for k in range(count)]
+def draw(rng, scene, built, kinds, count, upright=False):
+    """Drawn placements: kind after kind, those of one in an order of small steps; upright: robot
+    and targets turn about the vertical only."""
+    drawn = [_draw_one(rng, scene, built, kinds, k, upright) for k in range(count)]
     kind = np.arange(count) % len(kinds)
     order = _order(drawn, kind)
     return Drawn(
@@ -37,12 +38,13 @@ def draw(rng, scene, built, kinds, count):
     )
 
 
-def _draw_one(rng, scene, built, kinds, k):
+def _draw_one(rng, scene, built, kinds, k, upright):
     spots, lean = kinds[k % len(kinds)], LEANS[k // len(kinds) % len(LEANS)]
     for _ in range(2000):
         T = {"robot": _draw_robot(rng)}
         for name, spot in spots.items():
             T[name] = _draw_target(rng, T["robot"] @ _forward(built, spot.sensor), name, spot, lean)
+        T = {name: _upright(name, pose) for name, pose in T.items()} if upright else T
         if _apart(scene, T, list(spots)) and _in_view(scene, built, T, spots):
             return T
     raise ValueError(f"no placement {k} of {', '.join(spots)} as wanted in 2000 draws")
@@ -51,6 +53,17 @@ def _draw_one(rng, scene, built, kinds, k):
 def _draw_robot(rng):
     xyz = rng.uniform([-0.1, -0.1, -0.01], [0.1, 0.1, 0.01]) + [0, 0, ROBOT_HEIGHT_M]
     return from_rpy(xyz, np.deg2rad(rng.uniform([-1, -1, -5], [1, 1, 5])))
+
+
+def _upright(name, T):
+    """The pose turned the shortest way to where the body's vertical axis is that of the room: z of
+    the robot, y of a board, x of a cylinder."""
+    axis = {"robot": 2, "board": 1, "cylinder": 0}[name]
+    up = T[:3, axis]
+    turn = np.cross(up, [0, 0, 1.0])
+    size = np.linalg.norm(turn)
+    R = so3_exp(turn / max(size, 1e-12) * np.arctan2(size, up[2]))
+    return pose(R @ T[:3, :3], T[:3, 3])
 
 
 def _forward(built, sensor):
