@@ -184,6 +184,7 @@ def report_options(w):
     # No other job may ever see the truth.
     if "truth" in rig:
         shown["truth"] = rig["truth"]
+    shown["settings"] = {k: v for k, v in CONFIG.items() if k not in ("sessions", "export")}
     return options(rig=w.rig, body=rig["body"], report=CONFIG["report"], **shown)
 
 
@@ -210,9 +211,11 @@ def of_sensors(pattern):
     return paths
 
 
-def resource(path):
-    """A file of the checkout that a job reads, relative to the working directory."""
-    return os.path.relpath(Path(workflow.basedir) / path)
+def resources(folder):
+    """Templates, styles and scripts below a folder of the checkout that a job reads, relative to
+    the working directory."""
+    found = sorted(Path(workflow.basedir, folder).rglob("*"))
+    return [os.path.relpath(p) for p in found if p.suffix in (".j2", ".css", ".js")]
 
 
 @cache
