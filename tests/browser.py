@@ -121,7 +121,7 @@ class Browser:
             self.requests.append(params["request"]["url"])
         elif name == "Runtime.exceptionThrown":
             self.complaints.append(json.dumps(params["exceptionDetails"])[:600])
-        elif name == "Runtime.consoleAPICalled" and params["type"] in ("error", "warning"):
+        elif name == "Runtime.consoleAPICalled" and params["type"] == "error":
             self.complaints.append(json.dumps(params["args"])[:600])
-        elif name == "Log.entryAdded" and params["entry"]["level"] in ("error", "warning"):
+        elif name == "Log.entryAdded" and params["entry"]["level"] == "error":
             self.complaints.append(params["entry"]["text"])

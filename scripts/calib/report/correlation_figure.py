@@ -6,6 +6,7 @@ from calib.report import captions, plots
 from calib.report.plots import MUTED
 
 NUMBERS = ("tx", "ty", "tz", "rx", "ry", "rz")
+WIDTH = 4.8  # inch
 LABELLED = 4  # sensors, up to which every number has its name
 
 
@@ -18,11 +19,9 @@ def draw(run):
     sigma = np.sqrt(np.diag(P))
     if not (sigma > 0).all():
         return None
-    fig, ax = plots.figure(5.2, plots.height_for(1.0, 5.2), left=1.0)
-    edges = np.arange(len(P) + 1) - 0.5
-    image = ax.pcolormesh(edges, edges, P / np.outer(sigma, sigma), cmap="RdBu_r", vmin=-1, vmax=1,
-                          rasterized=True)  # fmt: skip
-    fig.colorbar(image, ax=ax, fraction=0.04, pad=0.02)
+    fig, ax = plots.figure(WIDTH, plots.height_for(1.0, WIDTH), left=1.0)
+    edges, shown = np.arange(len(P) + 1) - 0.5, P / np.outer(sigma, sigma)
+    ax.pcolormesh(edges, edges, shown, cmap="RdBu_r", vmin=-1, vmax=1, rasterized=True)
     for k in range(6, len(P), 6):
         ax.axhline(k - 0.5, color=MUTED, lw=0.8)
         ax.axvline(k - 0.5, color=MUTED, lw=0.8)
@@ -36,4 +35,4 @@ def draw(run):
     ax.grid(visible=False)
     ax.set(ylim=(len(P) - 0.5, -0.5), aspect="equal", title="correlation of the poses")
     label = "Correlations of all numbers of all poses"
-    return plots.drawing(fig, "correlation", label, captions.CORRELATION, span=0)
+    return plots.drawing(fig, "correlation", label, captions.CORRELATION, span=2)

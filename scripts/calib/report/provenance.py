@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import yaml
 
 from calib import config as written
 from calib.report import text
@@ -44,7 +45,7 @@ def provenance(run):
         "logs": logs,
         "spans": spans,
         "settings": settings(run.options["settings"]),
-        "config": json.dumps(config, indent=1, sort_keys=True, ensure_ascii=False),
+        "config": yaml.safe_dump(config, default_flow_style=None, allow_unicode=True, width=110),
     }
 
 

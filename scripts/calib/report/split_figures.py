@@ -15,7 +15,9 @@ def by_group(sensor, rows):
     rows = [r for r in rows if r["by"] in SHOWN]
     if not rows:
         return None
-    names = list(dict.fromkeys((r["by"], r["group"]) for r in rows))
+    names = list(
+        dict.fromkeys((r["by"], r["group"]) for by in SHOWN for r in rows if r["by"] == by)
+    )
     kinds = list(dict.fromkeys(r["kind"] for r in rows))
     height = 0.75 + 0.17 * len(names)
     fig, ax = plots.figure(height=max(height, plots.HEIGHT), left=1.35)
