@@ -264,7 +264,9 @@ rule export:
         "workflow/envs/calib.yaml"
     params:
         folder=subpath(output[0], parent=True),
+        history="results/{rig}/history",
         options=export_options,
     shell:
         "python {input.code[0]:q} --calibration {input.calibration:q}"
-        " --verdict {input.verdict:q} --output {params.folder:q} --options {params.options:q} 2> {log:q}"
+        " --verdict {input.verdict:q} --output {params.folder:q} --history {params.history:q}"
+        " --options {params.options:q} 2> {log:q}"

@@ -1,12 +1,13 @@
 """Files that robots load; the one job that fails on a failed verdict.
 
 Reads   calibration.json, verdict.json
-Writes  export/*, unless the verdict is fail; what stood there before is removed first
+Writes  export/*, unless the verdict is fail; what stood there before is removed first; and adds
+        the calibration to history/
 """
 
 import shutil
 
-from calib import formats, stage
+from calib import formats, history, stage
 from calib.stage import logger
 from calib.status import InputError
 
@@ -17,6 +18,7 @@ def main(argv=None):
         calibration="input",
         verdict="input",
         output="folder",
+        history="folder of the calibrations that were accepted",
         options="slice of the config",
     ).parse_args(argv)
     shutil.rmtree(args.output, ignore_errors=True)
@@ -31,6 +33,7 @@ def main(argv=None):
     for name, module in sorted(formats.FORMATS.items()):
         (args.output / module.FILE).write_text(module.render(calibration, parent))
         logger.info("wrote %s (%s)", args.output / module.FILE, name)
+    logger.info("accepted as %s", history.accept(args.history, calibration))
 
 
 if __name__ == "__main__":

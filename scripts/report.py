@@ -8,10 +8,6 @@ Writes  report.html, complete in itself: figures, images, style and scripts insi
 Decides nothing; what could not be done is shown with its reason, found, expected and remedy.
 """
 
-import json
-
-import jinja2
-from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from calib import stage
@@ -26,6 +22,7 @@ from calib.report import (
     extrinsics,
     figures,
     funnel,
+    html,
     intake,
     intake_figures,
     nuisance,
@@ -194,26 +191,18 @@ def arguments(argv):
     ).parse_args(argv)
 
 
-def page(templates, shown, images=None):
-    """The page for the screen, or for paper, which finds its Images by name."""
-    environment = jinja2.Environment(
-        loader=jinja2.DictLoader(templates),
-        autoescape=lambda name: name.endswith(".html.j2"),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["drawn"] = images.tag if images else lambda d: Markup(d.svg)
-    environment.filters["data"] = data
-    library = {} if images else {"plotly": get_plotlyjs()}
-    template = environment.get_template("report.html.j2")
-    return template.render(shown, on_paper=images is not None, **library)
+def on_screen(templates, shown):
+    """report.html."""
+    more = {"on_paper": False, "plotly": get_plotlyjs()}
+    return html.render(templates, "report.html.j2", shown | more)
 
 
-def data(content):
-    """Content as JSON that may stand in a page's <script>."""
-    told = json.dumps(content, separators=(",", ":"), allow_nan=False)
-    return Markup(told.replace("<", "\\u003c"))
+def on_paper(templates, shown):
+    """report.pdf, of a page that finds its images by name."""
+    images = paper.Images()
+    more = {"on_paper": True, "plotly": ""}
+    page = html.render(templates, "report.html.j2", shown | more, images.tag)
+    return paper.to_pdf(page, images)
 
 
 def write_figures(paths, shown):
@@ -230,11 +219,10 @@ def write_figures(paths, shown):
 
 def main(argv=None):
     args = arguments(argv)
-    run, images = read_run(args), paper.Images()
+    run = read_run(args)
     shown = content(run)
-    templates = {path.name: path.read_text() for path in args.templates}
-    args.html.write_text(page(templates, shown))
-    args.pdf.write_bytes(paper.to_pdf(page(templates, shown, images), images))
+    args.html.write_text(on_screen(args.templates, shown))
+    args.pdf.write_bytes(on_paper(args.templates, shown))
     write_figures(args.figures, shown)
     sizes = args.html.stat().st_size, args.pdf.stat().st_size
     logger.info("%s: %s, %d and %d bytes", run.options["rig"], run.verdict["verdict"], *sizes)
