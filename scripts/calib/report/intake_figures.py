@@ -27,7 +27,9 @@ def draw(run, session):
     intervals.set(xlabel="time, s", ylabel="over the median", ylim=(0, None))
     intervals.set_title("interval between stamps")
     delays.set(xlabel="time, s", ylabel="ms", title="log time after the stamp")
-    delays.set_ylim(*np.add(delays.get_ylim(), [0, 0.35 * np.ptp(delays.get_ylim())]))
+    late = np.concatenate([(log_t - t) / NS * 1e3 for t, log_t in found.values()])
+    room = np.ptp(late) + 0.1 * np.abs(late).max()
+    delays.set_ylim(late.min() - 0.1 * room, late.max() + 0.4 * room)
     delays.legend(loc="upper right", ncols=min(len(found), 3), markerscale=2.5)
     label = f"Intervals and delays of the messages of session {session}"
     return plots.drawing(fig, f"intake-{session}", label, captions.INTAKE, span=0)

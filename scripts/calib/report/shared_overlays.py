@@ -15,6 +15,8 @@ POSES = {"guess": "by the first guesses", "result": "by the result"}
 def draw(run):
     """[{name, views: [(title, Drawing)]}] of every camera and lidar with a common placement."""
     out = []
+    if not run.options["report"]["max_overlays"]:
+        return out
     solved = [n for n in run.sensors if run.T_robot_sensor(n) is not None]
     for camera in (n for n in solved if run.sensors[n]["kind"] == "camera"):
         for lidar in (n for n in solved if run.sensors[n]["kind"] == "lidar"):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from calib.report import captions, plots, task, text
-from calib.report.plots import INK
+from calib.report.plots import BLUE, INK
 
 DISTANCE = 10.0  # m
 MOST = 3  # panels in a row
@@ -38,8 +38,8 @@ def _map(ax, panel):
     camera, _, model, T, covariance = panel
     uv, sigma = task.pixels(model, T, covariance, DISTANCE)
     if len(sigma) > 3 and np.ptp(sigma) > 1e-9 * sigma.max():
-        lines = ax.tricontour(*uv.T, sigma, levels=5, cmap="viridis", linewidths=1.1)
-        ax.clabel(lines, fontsize=6.5, fmt=lambda v: text.number(v, 2))
+        lines = ax.tricontour(*uv.T, sigma, levels=5, colors=[BLUE], linewidths=1.1)
+        ax.clabel(lines, fontsize=6.5, colors=[INK], fmt=lambda v: text.number(v, 2))
     if len(sigma):
         worst = uv[sigma.argmax()]
         ax.plot(*worst, "x", ms=5, color=INK)
