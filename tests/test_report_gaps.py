@@ -13,13 +13,28 @@ from calib.report import (
 from calib.status import OK, InputError, failed
 from reporting import NOT_FOUND, SENSORS, UNSEEN, section, without_pose, words
 
+FINDING = {
+    "check": "status",
+    "sensor": "left",
+    "sensors": ["left"],
+    "level": "fail",
+    "value": None,
+    "limit": None,
+    "text": "left: no view <of> a target",
+    "remedy": UNSEEN.remedy,
+}
+
 
 def test_sensor_without_a_pose_says_what_to_do_and_shows_no_guess(files, undrawn):
     files.calibration = without_pose(files.calibration, "left", UNSEEN)
     files.calibration |= {"verdict": "fail", "reasons": ["left: no view <of> a target"]}
+    files.findings = [FINDING]
     files.blind("left", UNSEEN)
     page = files.render()
     said = words(page)
+    assert "1 of 2 sensors calibrated from 1 session; no pose for left." in said
+    assert "Why left: no view &lt;of&gt; a target (found 40 not still; expected 1 or more)." in said
+    assert "Do Record its view." in said
     assert "No pose." in said
     for part in (UNSEEN.reason, UNSEEN.found, UNSEEN.expected, UNSEEN.remedy):
         assert part in said

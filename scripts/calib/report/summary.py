@@ -68,7 +68,7 @@ def verdict(run):
         rows.append(row | {"status": sensor["status"]})
     return {
         "level": judged["verdict"],
-        "lines": [found(run), why(judged, rows, heads), todo(judged)],
+        "lines": [found(run), why(run, rows, heads), todo(judged)],
         "reasons": judged["reasons"],
         "heads": heads,
         "rows": rows,
@@ -86,11 +86,13 @@ def found(run):
     return f"{told}; no pose for {', '.join(without)}." if without else f"{told}."
 
 
-def why(judged, rows, heads):
+def why(run, rows, heads):
     """Second line: the gravest reason, or how near to a limit the result comes."""
-    if judged["reasons"]:
-        more = len(judged["reasons"]) - 1
-        return judged["reasons"][0] + (f"; and {text.plural(more, 'more reason')}" if more else "")
+    reasons = run.verdict["reasons"]
+    if reasons:
+        more = len(reasons) - 1
+        told = reasons[0] + _instead(run)
+        return told + (f"; and {text.plural(more, 'more reason')}." if more else ".")
     near = [
         (cell["share"], row["name"], head["text"])
         for row in rows
@@ -106,11 +108,25 @@ def why(judged, rows, heads):
     )
 
 
+def _instead(run):
+    """What was found and expected of a sensor without a pose, if that is the gravest reason."""
+    first = next(iter(run.verdict["findings"]), None)
+    if not first or first["check"] != "status" or not first["sensor"]:
+        return ""
+    status = run.sensors[first["sensor"]]["status"]
+    told = [f"{k} {status[k]}" for k in ("found", "expected") if status[k]]
+    return f" ({'; '.join(told)})" if told else ""
+
+
 def todo(judged):
     """Third line: what to do about the gravest reason, or that the files can be used."""
     first = next((f for f in judged["findings"] if f["remedy"]), None)
     if first:
-        return first["remedy"][0].upper() + first["remedy"][1:].rstrip(".") + "."
+        return (
+            first["remedy"][0].upper()
+            + first["remedy"][1:]
+            + "." * (first["remedy"][-1] not in ".?")
+        )
     return "Nothing is to be mended: load the files in export/, whose worked points say which way."
 
 
