@@ -93,6 +93,21 @@ def test_every_figure_has_a_caption(page):
     assert page.count('role="img"') == page.count("<svg")
 
 
+def test_every_figure_is_an_xml_of_its_own_or_paper_would_leave_it_out(page):
+    for svg in re.findall("<svg.*?</svg>", own(page), flags=re.S):
+        ElementTree.fromstring(plots.alone(svg))
+
+
+def test_a_figure_with_an_empty_group_is_well_formed():
+    """Matplotlib writes <g/> for what lies outside of the axes."""
+    fig, ax = plots.figure()
+    ax.broken_barh([], (0, 1))
+    ax.plot([np.nan], [np.nan])
+    ax.scatter([], [])
+    svg = plots.to_svg(fig, "empty", "Nothing")
+    assert ElementTree.fromstring(plots.alone(svg)).tag.endswith("svg")
+
+
 def test_title(files, undrawn):
     files.options["report"]["title"] = "Husky & trailer"
     assert "<h1>Husky &amp; trailer</h1>" in files.render()

@@ -49,7 +49,8 @@
       camera: { eye: { x: 0.9, y: -1.5, z: 0.9 } }, uirevision: "kept",
     },
   });
-  const draw = () => Plotly.react(view, shown(), layout(), { displaylogo: false, responsive: true });
+  const plain = { displayModeBar: false, responsive: true };
+  const draw = () => Plotly.react(view, shown(), layout(), plain);
 
   view.hidden = choice.hidden = false;
   draw().then(() => {

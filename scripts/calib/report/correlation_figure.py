@@ -6,7 +6,7 @@ from calib.report import captions, plots
 from calib.report.plots import MUTED
 
 NUMBERS = ("tx", "ty", "tz", "rx", "ry", "rz")
-WIDTH = 4.8  # inch
+WIDTH, LEFT = 4.8, 1.0  # inch
 LABELLED = 4  # sensors, up to which every number has its name
 
 
@@ -19,7 +19,8 @@ def draw(run):
     sigma = np.sqrt(np.diag(P))
     if not (sigma > 0).all():
         return None
-    fig, ax = plots.figure(WIDTH, plots.height_for(1.0, WIDTH), left=1.0)
+    side = WIDTH - LEFT - plots.RIGHT
+    fig, ax = plots.figure(WIDTH, plots.BOTTOM + plots.TOP + side, LEFT)
     edges, shown = np.arange(len(P) + 1) - 0.5, P / np.outer(sigma, sigma)
     ax.pcolormesh(edges, edges, shown, cmap="RdBu_r", vmin=-1, vmax=1, rasterized=True)
     for k in range(6, len(P), 6):

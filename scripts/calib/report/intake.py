@@ -45,7 +45,7 @@ def longest_gap(t):
 
 
 def delay(t, log_t):
-    """`102 to 108 ms`: median and 99 % of what the log is later than the stamps."""
+    """`102, 108`: median and 99 % of what the log is later than the stamps, ms."""
     if not len(t):
         return text.DASH
     low, high = np.quantile((log_t - t) / NS * 1e3, (0.5, 0.99))

@@ -171,6 +171,7 @@ def to_svg(fig, name, label):
 def _ungrouped(svg):
     """The SVG without groups that say nothing, which are half of its elements."""
     kept, parts = [], []
+    svg = re.sub(r"<g\b[^>]*/>", "", svg)
     for part in re.split(r"(<g\b[^>]*>|</g>)", svg):
         if part.startswith("<g"):
             kept.append(part != "<g>")

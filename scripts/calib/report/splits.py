@@ -14,11 +14,10 @@ RINGS = ("surface", "cap", "point")  # kinds whose index is a ring
 
 def of_sensor(run, sensor):
     """Rows {kind, by, group, n, mean, rms, mean_sigma, rms_sigma} of one sensor's members."""
-    out = []
+    out, in_motion = [], run.moving_by_sensor.get(sensor, {})
     for kind, columns in residuals.of(run, sensor).items():
         used = residuals.members(columns)
-        moving = residuals.members(run.moving_by_sensor.get(sensor, {}).get(kind, columns))
-        moving = tables.select(moving, moving["moving"])
+        moving = residuals.members(in_motion.get(kind, tables.empty(tables.RESIDUALS)))
         if len(used["weight"]):
             config = run.options["sensors"][sensor]
             for by, group, rows in groups(kind, used, config):
