@@ -223,11 +223,12 @@ rule report:
         residuals="results/{rig}/residuals.parquet",
         iterations="results/{rig}/iterations.parquet",
         audits=of_sessions("results/{rig}/{session}/log.json"),
+        frames=of_sessions("results/{rig}/{session}/frames.parquet"),
         placements=of_sessions("results/{rig}/{session}/placements.parquet"),
         guesses=of_sensors("results/{rig}/{session}/{sensor}/guess.json"),
         views=of_sensors("results/{rig}/{session}/{sensor}/views.parquet"),
         keypoints=of_sensors("results/{rig}/{session}/{sensor}/keypoints.parquet"),
-        template=resource("workflow/report/report.html.j2"),
+        templates=resources("workflow/report"),
         code=code("report"),
     output:
         html=report("results/{rig}/report.html", category="Calibration"),
@@ -243,8 +244,9 @@ rule report:
         "python {input.code[0]:q} --calibration {input.calibration:q}"
         " --verdict {input.verdict:q} --residuals {input.residuals:q}"
         " --iterations {input.iterations:q} --audits {input.audits:q}"
-        " --placements {input.placements:q} --guesses {input.guesses:q} --views {input.views:q}"
-        " --keypoints {input.keypoints:q} --template {input.template:q} --html {output.html:q}"
+        " --frames {input.frames:q} --placements {input.placements:q} --guesses {input.guesses:q}"
+        " --views {input.views:q} --keypoints {input.keypoints:q}"
+        " --templates {input.templates:q} --html {output.html:q}"
         " --pdf {output.pdf:q} --figures {output.figures:q}"
         " --options {params.options:q} 2> {log:q}"
 
@@ -269,9 +271,11 @@ rule export:
         "workflow/envs/calib.yaml"
     params:
         folder=subpath(output[0], parent=True),
+        history="results/{rig}/history",
         options=export_options,
     shell:
         "python {input.code[0]:q} --calibration {input.calibration:q}"
         " --verdict {input.verdict:q} --frames {input.frames:q}"
         " --placements {input.placements:q} --views {input.views:q} --urdf {input.urdf:q}"
-        " --output {params.folder:q} --options {params.options:q} 2> {log:q}"
+        " --output {params.folder:q} --history {params.history:q}"
+        " --options {params.options:q} 2> {log:q}"

@@ -65,8 +65,18 @@ def seen(name, rows):
         f"{name} has no view of a target",
         counts or "no frame",
         "1 or more",
-        "Check T_robot_sensor and the targets' bodies, or record this sensor's view.",
+        remedy_of(reasons),
     )
+
+
+def remedy_of(reasons):
+    """What to do where nothing was kept, for these reasons."""
+    if "seen from behind" in reasons:
+        return (
+            "Turn T_body_target of the board that is seen from behind, if it is mounted the other "
+            "way round: who looks at its face sees x to the right, y up and z towards himself."
+        )
+    return "Check T_robot_sensor and the targets' bodies, or record this sensor's view."
 
 
 def main(argv=None):

@@ -2,8 +2,9 @@
 
 Reads   calibration.json, verdict.json; frames.parquet and placements.parquet of all sessions,
         views.parquet of all their sensors; the URDF that is to be patched, where there is one
-Writes  export/*, unless the verdict is fail; what stood there before is removed first.
-        The origins of the sensors' joints in that URDF, with a backup beside it
+Writes  export/*, unless the verdict is fail; what stood there before is removed first; and adds the
+        calibration to history/. The origins of the sensors' joints in that URDF, with a backup
+        beside it
 """
 
 import os
@@ -13,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib import formats, mounting, stage, tables, urdf
+from calib import formats, history, mounting, stage, tables, urdf
 from calib.formats import index
 from calib.formats.scene import scene, session
 from calib.stage import logger
@@ -103,6 +104,7 @@ def main(argv=None):
         views="*input, one per session and sensor",
         urdf="*input and output, one or none",
         output="folder",
+        history="folder of the calibrations that were accepted",
         options="slice of the config",
     ).parse_args(argv)
     shutil.rmtree(args.output, ignore_errors=True)
@@ -121,6 +123,7 @@ def main(argv=None):
     args.output.mkdir(parents=True)
     written = write(args.output, described)
     (args.output / index.FILE).write_text(index.render(described, written, judged, mounted))
+    logger.info("accepted as %s", history.accept(args.history, calibration))
 
 
 if __name__ == "__main__":

@@ -96,6 +96,8 @@ def main(argv=None):
         notes[target] = target_status(audit, options["body"], body, still).to_dict()
         logger.info("%s: %d still intervals of %d", target, len(still), len(found))
     status = Status.from_dict(audit[options["body"]]["status"])
+    # The number of an interval is its row: the still ones come first, as people count them.
+    rows.sort(key=lambda r: r["kind"] != "still")
     table = {k: [r[k] for r in rows] for k in tables.PLACEMENTS.names if k != "placement"}
     table["placement"] = np.arange(len(rows))
     tables.write(args.output, tables.PLACEMENTS, table, status, notes)

@@ -1,65 +1,133 @@
 """What a person must know of a calibration, as one page that opens anywhere, and on paper.
 
-Reads   calibration.json, verdict.json, residuals.parquet, iterations.parquet; log.json and
-        placements.parquet of all sessions; guess.json, views.parquet and keypoints.parquet of all
-        their sensors; the page's template
-Writes  report.html, complete in itself: figures, images and style inside; report.pdf, the same for
-        paper; figures/*.svg, the main figures with all sensors
+Reads   calibration.json, verdict.json, residuals.parquet, iterations.parquet; log.json,
+        frames.parquet and placements.parquet of all sessions; guess.json, views.parquet and
+        keypoints.parquet of all their sensors; the page's templates
+Writes  report.html, complete in itself: figures, images, style and scripts inside; report.pdf, the
+        same for paper; figures/*.svg, the main figures with all sensors
 Decides nothing; what could not be done is shown with its reason, found, expected and remedy.
 """
 
-import jinja2
-from markupsafe import Markup
+from plotly.offline import get_plotlyjs
 
 from calib import stage
 from calib.report import (
+    correlation_figure,
     coverage,
     coverage_figures,
+    diagnostics,
+    directions,
     evidence,
     evidence_figures,
     extrinsics,
     figures,
     funnel,
+    html,
+    intake,
+    intake_figures,
+    nuisance,
     overlays,
     paper,
     plots,
+    provenance,
     residuals,
     rig_figure,
+    scene,
+    scene_figure,
+    shared_overlays,
+    split_figures,
+    splits,
     summary,
+    task,
+    task_figures,
 )
 from calib.report.inputs import read_run
 from calib.stage import logger
 
 COLUMNS = {"extrinsics": 1, "coverage": 1, "residuals": 3}  # of the figures that are written
+# Templates by name, and what they are headed by.
+SECTIONS = (
+    ("verdict", "Verdict"),
+    ("provenance", "Provenance"),
+    ("intake", "Intake"),
+    ("funnel", "From recording to solve"),
+    ("coverage", "Coverage"),
+    ("gallery", "Extraction"),
+    ("residuals", "Residuals"),
+    ("extrinsics", "Extrinsics"),
+    ("nuisance", "Clocks, mounts, noise"),
+    ("observability", "Observability"),
+    ("between", "Sensor to sensor"),
+    ("validation", "Cross-validation"),
+    ("overlays", "Overlays"),
+    ("diagnostics", "Diagnostics"),
+    ("appendix", "Appendix"),
+)
 
 
 def content(run):
-    """What the template prints, by section."""
-    return {
+    """What the templates print, by section."""
+    sessions = [session(run, name) for name in run.sessions]
+    funnels = {s["name"]: s["funnel"] for s in sessions}
+    shown = {
+        "sections": SECTIONS,
         "title": run.options["report"]["title"] or run.options["rig"],
         "rig": run.options["rig"],
         "body": run.options["body"],
         "verdict": summary.verdict(run),
-        "extrinsics": [extrinsics.of_sensor(run, n) for n in run.sensors],
-        "strangers": run.strangers,
-        "rig_figure": rig_figure.draw(run),
-        "between": extrinsics.between(run),
-        "by_count": evidence_figures.sigma_by_count(run),
-        "suspicions": evidence.suspicions(run),
-        "by_session": evidence.sessions(run),
-        "held_out": evidence.held_out(run),
-        "unknowns": summary.other_unknowns(run),
-        "sessions": [session(run, name) for name in run.sessions],
+        "provenance": provenance.provenance(run),
+        "sessions": sessions,
         "coverage": [covered(run, n) for n in run.sensors],
-        "residuals": [left_over(run, n) for n in run.sensors],
-        "noise": residuals.noise(run),
-        "mocap_factor": run.calibration["noise"]["mocap_factor"],
-        "overlays": [
+        "gallery": [
             {"name": n, "kind": s["kind"], "views": overlays.of_sensor(run, n)}
             for n, s in run.sensors.items()
         ],
-        "convergence": summary.convergence(run),
-        "provenance": summary.provenance(run),
+        "residuals": [left_over(run, n) for n in run.sensors],
+        "unknowns": nuisance.other_unknowns(run),
+        "noise": residuals.noise(run),
+        "mocap_factor": run.calibration["noise"]["mocap_factor"],
+        "observability": directions.rows(run),
+        "by_count": evidence_figures.sigma_by_count(run),
+        "overlays": shared_overlays.draw(run),
+        "diagnostics": diagnostics.rows(run, funnels),
+        "suspicions": evidence.suspicions(run),
+        "convergence": provenance.convergence(run),
+    }
+    return shown | poses(run) | between(run) | validation(run)
+
+
+def poses(run):
+    """Extrinsics, before and after."""
+    told = [extrinsics.of_sensor(run, n) for n in run.sensors]
+    return {
+        "extrinsics": told,
+        "known": any(e["solved"] and e["error"] for e in told),
+        "strangers": run.strangers,
+        "rig_figure": rig_figure.draw(run),
+        "scene": scene.content(run),
+        "scene_figure": scene_figure.draw(run),
+        "correlation": correlation_figure.draw(run),
+    }
+
+
+def between(run):
+    """Sensor to sensor, in poses and in what they mean for a task."""
+    pairs = extrinsics.between(run)
+    return {
+        "between": pairs,
+        "pairs": task.rows(run, pairs),
+        "ranges": [f"{r:g}" for r in task.RANGES],
+        "task_figures": task_figures.draw(run, pairs),
+    }
+
+
+def validation(run):
+    """Placements left out, and sessions by themselves."""
+    alone = [evidence_figures.influence(run, n) for n in run.sensors]
+    return {
+        "held_out": evidence.held_out(run),
+        "influences": [drawing for drawing in alone if drawing],
+        "by_session": evidence.sessions(run),
     }
 
 
@@ -67,21 +135,23 @@ def covered(run, name):
     """Coverage of one sensor."""
     found = coverage.of_sensor(run, name)
     drawing = coverage_figures.draw(run, name, found) if found else None
-    told = {"row": coverage.row(run, name, found), "kind": run.sensors[name]["kind"]}
-    return told | {"drawing": drawing}
+    return {"row": coverage.row(run, name, found), "drawing": drawing}
 
 
 def left_over(run, name):
     """Residuals of one sensor."""
-    plotted = figures.of_sensor(run, name)
-    alone = evidence_figures.influence(run, name) if plotted else None
+    rows = splits.of_sensor(run, name)
+    kinds = {k: residuals.members(c) for k, c in residuals.of(run, name).items()}
+    kinds = {k: c for k, c in kinds.items() if len(c["weight"])}
+    more = split_figures.quantiles(name, kinds), split_figures.by_group(name, rows)
     return {
         "name": name,
         "kind": run.sensors[name]["kind"],
         "rows": residuals.overview(run, name),
         "rejected": residuals.rejected(run, name),
         "left_out": evidence.left_out(run, name),
-        "figures": plotted + ([alone] if alone else []),
+        "splits": rows,
+        "figures": figures.of_sensor(run, name) + [f for f in more if f],
     }
 
 
@@ -89,11 +159,12 @@ def session(run, name):
     """Audit and funnel of one session."""
     return {
         "name": name,
-        "streams": funnel.streams(run, name),
-        "bodies": funnel.bodies(run, name),
-        "heard": funnel.heard(run, name),
-        "unused": funnel.unused_topics(run, name),
-        "problems": funnel.problems(run, name),
+        "streams": intake.streams(run, name),
+        "bodies": intake.bodies(run, name),
+        "heard": intake.heard(run, name),
+        "unused": intake.unused_topics(run, name),
+        "problems": intake.problems(run, name),
+        "intake": intake_figures.draw(run, name),
         "funnel": funnel.table(run, name),
         "timeline": figures.timeline(run, name),
     }
@@ -108,11 +179,12 @@ def arguments(argv):
         residuals="input",
         iterations="input",
         audits="*input log.json, one per session",
+        frames="*input, one per session",
         placements="*input, one per session",
         guesses="*input, one per session and sensor",
         views="*input, one per session and sensor",
         keypoints="*input, one per session and sensor",
-        template="input, Jinja2",
+        templates="*input, Jinja2, style and scripts of the page",
         html="output",
         pdf="output",
         figures="*output, named after what they show",
@@ -120,13 +192,18 @@ def arguments(argv):
     ).parse_args(argv)
 
 
-def page(template, shown, images=None):
-    """The page for the screen, or for paper, which finds its Images by name."""
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters["drawn"] = images.tag if images else lambda d: Markup(d.svg)
-    return environment.from_string(template).render(shown, on_paper=images is not None)
+def on_screen(templates, shown):
+    """report.html."""
+    more = {"on_paper": False, "plotly": get_plotlyjs()}
+    return html.render(templates, "report.html.j2", shown | more)
+
+
+def on_paper(templates, shown):
+    """report.pdf, of a page that finds its images by name."""
+    images = paper.Images()
+    more = {"on_paper": True, "plotly": ""}
+    page = html.render(templates, "report.html.j2", shown | more, images.tag)
+    return paper.to_pdf(page, images)
 
 
 def write_figures(paths, shown):
@@ -143,10 +220,10 @@ def write_figures(paths, shown):
 
 def main(argv=None):
     args = arguments(argv)
-    run, images = read_run(args), paper.Images()
-    shown, template = content(run), args.template.read_text()
-    args.html.write_text(page(template, shown))
-    args.pdf.write_bytes(paper.to_pdf(page(template, shown, images), images))
+    run = read_run(args)
+    shown = content(run)
+    args.html.write_text(on_screen(args.templates, shown))
+    args.pdf.write_bytes(on_paper(args.templates, shown))
     write_figures(args.figures, shown)
     sizes = args.html.stat().st_size, args.pdf.stat().st_size
     logger.info("%s: %s, %d and %d bytes", run.options["rig"], run.verdict["verdict"], *sizes)

@@ -85,8 +85,19 @@ def test_a_sensor_without_a_view_says_why_and_keeps_the_other(again):
     runs.completed(again, VERDICT)
     result = calibration(again)["sensors"]
     assert result["camera"]["status"]["reason"] == "camera has no view of a target"
+    assert "Check T_robot_sensor" in result["camera"]["status"]["remedy"]
     assert "outside what the lens sees" in result["camera"]["status"]["found"]
     assert result["velodyne"]["status"]["ok"]
+
+
+def test_a_board_that_is_stated_the_wrong_way_round_says_which_way_is_right(again):
+    turned = {"xyz_m": [0, 0, 0], "rpy_deg": [0, 180, 0]}
+    runs.edit(again / "config/targets/board.yaml", lambda t: t.update(T_body_target=turned))
+    runs.completed(again, VERDICT)
+    status = calibration(again)["sensors"]["camera"]["status"]
+    assert status["reason"] == "camera has no view of a target"
+    assert "seen from behind" in status["found"]
+    assert status["remedy"].startswith("Turn T_body_target of the board that is seen from behind")
 
 
 def test_a_sensor_that_cannot_be_found_says_what_to_record_or_write_and_keeps_the_other(again):

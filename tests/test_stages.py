@@ -183,7 +183,24 @@ def test_judge_writes_what_the_schemas_promise(here):
 def test_residuals_have_one_row_per_pair(here):
     pairs, _, _ = tables.read(f"{HOME}/pairs.parquet", tables.PAIRS)
     residuals, _, _ = tables.read("results/sim/residuals.parquet", tables.RESIDUALS)
-    assert len(residuals["sensor"]) == len(pairs["sensor"])
+    assert np.sum(~residuals["moving"]) == len(pairs["sensor"])
+
+
+def test_residuals_of_targets_in_motion_come_with_their_speed(here):
+    residuals, _, _ = tables.read("results/sim/residuals.parquet", tables.RESIDUALS)
+    moving = residuals["moving"]
+    assert moving.any() and np.all(residuals["speed"][~moving] == 0)
+    assert residuals["speed"][moving].min() > 0 and residuals["speed"][moving].max() < 2
+    member = residuals["weight"] > 0
+    r = residuals["value"][moving & member, 0] / residuals["sigma"][moving & member]
+    assert np.sqrt(np.mean(r**2)) < 3
+
+
+def test_still_intervals_are_numbered_first(here):
+    found, _, _ = tables.read(f"{HOME}/placements.parquet", tables.PLACEMENTS)
+    still = found["kind"] == "still"
+    assert found["placement"][still].tolist() == list(range(8))
+    assert found["placement"].tolist() == list(range(len(still)))
 
 
 def test_export_writes_the_transform_that_calibration_json_states(here):
@@ -208,10 +225,21 @@ def test_export_refuses_a_failed_verdict_and_removes_what_stood_there(here, tmp_
     old.write_text("stale")
     arguments = ["--calibration", tmp_path / "c.json", "--verdict", tmp_path / "v.json"]
     arguments += ["--frames", "--placements", "--views", "--urdf"]
-    arguments += ["--output", old.parent, "--options", here["export", ""][-1]]
+    arguments += ["--output", old.parent, "--history", tmp_path / "history"]
+    arguments += ["--options", here["export", ""][-1]]
     with pytest.raises(InputError, match="velodyne: too bad"):
         export.main([str(a) for a in arguments])
     assert not old.exists()
+    assert not (tmp_path / "history").exists()
+
+
+def test_an_accepted_calibration_is_kept_and_a_second_export_adds_nothing(here):
+    (entry,) = Path("results/sim/history").iterdir()
+    before = entry.read_bytes()
+    calibration = stage.read_json("results/sim/calibration.json")
+    assert stage.read_json(entry)["calibration"] == calibration
+    export.main(here["export", ""])
+    assert [p.read_bytes() for p in Path("results/sim/history").iterdir()] == [before]
 
 
 def test_a_wrong_input_ends_a_stage_in_one_line_and_exit_code_1(here, caplog):

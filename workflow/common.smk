@@ -4,6 +4,7 @@ import ast
 import json
 import os
 import shlex
+import subprocess
 import sys
 from functools import cache
 from pathlib import Path
@@ -208,6 +209,7 @@ def report_options(w):
     # No other job may ever see the truth.
     if "truth" in rig:
         shown["truth"] = rig["truth"]
+    shown["settings"] = {k: v for k, v in CONFIG.items() if k not in ("sessions", "export")}
     return options(rig=w.rig, body=rig["body"], report=CONFIG["report"], **shown)
 
 
@@ -247,9 +249,11 @@ def of_sensors(pattern):
     return paths
 
 
-def resource(path):
-    """A file of the checkout that a job reads, relative to the working directory."""
-    return os.path.relpath(Path(workflow.basedir) / path)
+def resources(folder):
+    """Templates, styles and scripts below a folder of the checkout that a job reads, relative to
+    the working directory."""
+    found = sorted(Path(workflow.basedir, folder).rglob("*"))
+    return [os.path.relpath(p) for p in found if p.suffix in (".j2", ".css", ".js")]
 
 
 @cache
@@ -282,15 +286,31 @@ def modules(name):
 
 
 def last_words():
-    """Every rig's verdict and poses, or what stopped it, as the last lines on the terminal."""
+    """Every rig's verdict and poses, or what stopped it, as the last lines on the terminal; and all
+    rigs on one page."""
+    told = {}
     for rig in sorted(set(RIG_OF.values())):
         home = Path("results", rig)
         stopped = [line for path in sorted(home.rglob("*.log")) for line in complaint(path)]
+        told[rig] = {"sessions": sessions_of(rig), "stopped": stopped}
         if stopped:
             print(f"{rig}: STOPPED", *stopped, sep="\n  ", file=sys.stderr)
         elif (home / "verdict.json").exists():
             page = os.path.relpath(home / "report.html", os.environ.get("PWD", "."))
             print(*results(rig, home), f"report: {page}", sep="\n  ", file=sys.stderr)
+    if Path("results").is_dir():
+        write_index(told)
+
+
+def write_index(rigs):
+    """results/index.html: no job, for it must be there when jobs stopped, and says which."""
+    command = [sys.executable, SCRIPTS / "index.py", "--results", "results"]
+    command += ["--templates", *resources("workflow/report"), "--output", "results/index.html"]
+    done = subprocess.run(
+        [*command, "--options", options(rigs=rigs)], capture_output=True, text=True
+    )
+    if done.returncode:
+        print(done.stderr, file=sys.stderr)
 
 
 def results(rig, home):

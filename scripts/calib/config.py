@@ -53,6 +53,13 @@ def complete(kind, instance, where):
     return instance
 
 
+def defaults():
+    """The blocks of config.yaml by name as they are where nothing is stated."""
+    least = {"sessions": {"any": {"rig": "any", "log": "any"}}}
+    found = complete("config", least, "defaults")
+    return {k: v for k, v in found.items() if k != "sessions"}
+
+
 def _explain(error):
     path = ".".join(str(p) for p in error.absolute_path) or "top level"
     if error.validator == "additionalProperties":

@@ -212,13 +212,13 @@ def noise(setup, result):
 
 
 def residuals(setup, result):
-    """Columns of residuals.parquet."""
+    """Columns of residuals.parquet; those of views in motion are what is left beside the error of
+    their own pose."""
     parts, gate = [], setup.associate["gate_sigma"]
-    still = [(g, a) for g, a in zip(setup.groups, result.assigned, strict=True) if not g.moving]
-    for g, a in still:
+    for g, a in zip(setup.groups, result.assigned, strict=True):
         place = setup.placements[g.placement]
         n = len(a.feature)
-        k = g.keypoints
+        k = chain.frozen(setup, result.state, g).keypoints
         T = chain.T_sensor_target(setup, result.state, g.sensor, g.placement)
         in_target = geometry.transform(geometry.inverse(T), np.nan_to_num(k["xyz"]))
         in_image = kinds.KINDS[g.kind].UNIT == "px"
@@ -230,6 +230,8 @@ def residuals(setup, result):
                 "target": np.full(n, place.target),
                 "placement": k["placement"],
                 "view": k["view"],
+                "moving": np.full(n, g.moving),
+                "speed": np.full(n, speed(setup, result.state, g)),
                 "kind": np.full(n, g.kind),
                 "value": _pair(a.value),
                 "sigma": a.sigma,
@@ -241,6 +243,17 @@ def residuals(setup, result):
             }
         )
     return tables.concatenate(parts, tables.RESIDUALS)
+
+
+def speed(setup, state, group):
+    """Speed, m/s, of the middle of a group's target against the robot; 0 in a placement."""
+    if not group.moving:
+        return 0.0
+    place = setup.placements[group.placement]
+    T = state.mounts.get(place.target, place.T_body_target)
+    middle = geometry.transform(T, setup.targets[place.target].centre)
+    velocity = chain.fit_of(setup, state, group.placement).velocity
+    return float(np.linalg.norm(velocity[:3] + np.cross(velocity[3:], middle)))
 
 
 def _pair(value):

@@ -121,12 +121,14 @@ PAIRS = _schema(
 
 RESIDUALS = _schema(
     "residuals",
-    1,
+    2,
     _column("session", TEXT),
     _column("sensor", TEXT),
     _column("target", TEXT),
     _column("placement", pa.int32()),
-    _column("view", pa.int32()),
+    _column("view", pa.int32(), meaning="of views.parquet; of motion.parquet where moving"),
+    _column("moving", pa.bool_(), meaning="a view of a target in motion"),
+    _column("speed", pa.float64(), unit="m/s", meaning="of its middle against the robot"),
     _column("kind", TEXT),
     _column("value", _vector(2), unit="px, m or rad", meaning="(u, v), or (distance, 0)"),
     _column("sigma", pa.float64(), unit="px, m or rad"),

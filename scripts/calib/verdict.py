@@ -22,24 +22,24 @@ MISFIT = {
     "apart",
 }
 REMEDY = {
-    "rejected": "see what was left out and where (section 5): a stand, a hand, a wrong size or "
+    "rejected": "see what was left out and where (Residuals): a stand, a hand, a wrong size or "
     "mount of a target, or wrong lens parameters",
-    "rejected edge": "measure outline_m, and see where the crossings lie (section 5)",
+    "rejected edge": "measure outline_m, and see where the crossings lie (Residuals)",
     "rejected corner": "measure square_m and T_body_target; if they are right, the lens parameters "
-    "or single views are wrong (sections 5 and 6)",
+    "or single views are wrong (Residuals, Extraction)",
     "mocap_factor": "state mocap.pose_sigma and pose_bias_sigma as they are; if they are, look for "
     "a wrong size or T_body_target of a target, wrong lens parameters, or a clock that is off",
-    "noise_factor": "see the residuals (section 5) for what the noise stands for; state the "
+    "noise_factor": "see Residuals for what the noise stands for; state the "
     "sensor's own noise if it is what it is",
     "beyond": "see the overlays of the worst views for what does not belong to the target",
     "whiteness": "see the residuals by ring or over the image: an error of single beams, of the "
     "lens or of the printed pattern repeats itself",
-    "heldout": "see the most influential placements (section 5): one may not have been still, or "
-    "something that nobody estimates is wrong",
-    "placements": "hold targets still in more places that it sees; section 3 says where frames "
+    "heldout": "see the most influential placements (Cross-validation): one may not have been "
+    "still, or something that nobody estimates is wrong",
+    "placements": "hold targets still in more places that it sees; the report says where frames "
     "were lost",
     "correction_sigma": "check the first guess and its sigma; if both are sure, the result is not",
-    "settled": "see section 7, and mend what else is wrong first",
+    "settled": "see the rounds in the Appendix, and mend what else is wrong first",
 }
 
 

@@ -26,12 +26,12 @@ def draw(run, sensor, session, row, rows):
     measured = _measured(run, sensor, session, row["view"], rows)
     shapes = {n: shape(model, T, target) for n, T in poses.items() if T is not None}
     image = images.from_png(row["png"])
-    box = _box(image.shape, row, [measured, *(s for pair in shapes.values() for s in pair)])
+    box = region(image.shape, row, [measured, *(s for pair in shapes.values() for s in pair)])
     arrows, gain = _arrows(rows, box)
     caption = f"u {box[0]} to {box[2] - 1}, v {box[1]} to {box[3] - 1} px"
     caption += f"; residuals × {text.number(gain)}" if gain else ""
-    return Drawing(_picture(image, row, box, _marks(measured, shapes, arrows, box), caption), None,
-                   caption)  # fmt: skip
+    marks = _marks(measured, shapes, arrows, box)
+    return Drawing(picture(image, row, box, marks, caption), None, caption)
 
 
 def _measured(run, sensor, session, view, rows):
@@ -62,7 +62,7 @@ def _project(model, T, points):
     return uv[valid]
 
 
-def _box(shape_, row, marks):
+def region(shape_, row, marks):
     """Part (u0, v0, u1, v1) of the recorded region that holds the marks, with room around them."""
     low = np.array([row["u0"], row["v0"]])
     high = low + [shape_[1], shape_[0]]
@@ -100,7 +100,7 @@ def _cross(points, r, diagonal):
     return "".join(_path([p - a, p + a]) + _path([p - b, p + b]) for p in points)
 
 
-def _stroke(d, colour, width, dash=""):
+def stroke(d, colour, width, dash=""):
     """<path> of a line; dash: lengths, px."""
     more = f' stroke-dasharray="{dash}"' if dash else ""
     line = f'fill="none" stroke="{colour}" stroke-width="{width:.2f}"{more}'
@@ -115,15 +115,15 @@ def _marks(measured, shapes, arrows, box):
     for name, colour, diagonal in (("guess", GUESS, False), ("solved", SOLVED, True)):
         if name in shapes:
             pattern, outline = shapes[name]
-            out.append(_stroke(_path(outline, True), colour, 1.3 * thin))
-            out.append(_stroke(_cross(pattern, 0.8 * unit, diagonal), colour, 1.3 * thin))
+            out.append(stroke(_path(outline, True), colour, 1.3 * thin))
+            out.append(stroke(_cross(pattern, 0.8 * unit, diagonal), colour, 1.3 * thin))
     if "truth" in shapes:
         outline = _path(shapes["truth"][1], True)
         dash = f"{1.2 * unit:.2f} {1.2 * unit:.2f}"
         # Black on white: seen on every ground.
-        out += [_stroke(outline, "#fff", thin, dash), _stroke(outline, "#000", 0.7 * thin, dash)]
+        out += [stroke(outline, "#fff", thin, dash), stroke(outline, "#000", 0.7 * thin, dash)]
     out.append(_dots(measured, unit))
-    out.append(_stroke("".join(_path(a) for a in arrows), ARROW, thin))
+    out.append(stroke("".join(_path(a) for a in arrows), ARROW, thin))
     return "".join(out)
 
 
@@ -131,15 +131,15 @@ def _dots(measured, unit):
     """Circles about a few keypoints, dots on many; one path, which prints much faster than many."""
     if len(measured) > MANY:
         d = "".join(f"M{u:.2f} {v:.2f}h.01" for u, v in measured)
-        return _stroke(d, SEEN, 0.6 * unit).replace("<path ", '<path stroke-linecap="round" ')
+        return stroke(d, SEEN, 0.6 * unit).replace("<path ", '<path stroke-linecap="round" ')
     r = f"{1.3 * unit:.2f}"
     half = f"a{r} {r} 0 1 0"
     ring = f"{half} {2.6 * unit:.2f} 0{half} {-2.6 * unit:.2f} 0"
     d = "".join(f"M{u - 1.3 * unit:.2f} {v:.2f}{ring}" for u, v in measured)
-    return _stroke(d, SEEN, 0.2 * unit)
+    return stroke(d, SEEN, 0.2 * unit)
 
 
-def _picture(image, row, box, marks, label):
+def picture(image, row, box, marks, label):
     """<svg> of part of a region with marks, in the pixels of the whole image."""
     u0, v0, u1, v1 = box
     part = image[v0 - row["v0"] : v1 - row["v0"], u0 - row["u0"] : u1 - row["u0"]]

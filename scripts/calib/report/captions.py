@@ -80,3 +80,47 @@ INFLUENCE = (
     "both σ expect, per direction. Good: bars well below 1 where there are many, dots about 1 "
     "(dashed). A dot above 3 was not still, or was seen wrongly by the motion capture."
 )
+TASK = (
+    "How far off may a point of another sensor, 10 m from the camera, fall in the image? Lines of "
+    "equal σ, px; the cross marks the worst place. Good: below a pixel all over. What grows to one "
+    "side is a rotation about an axis that lies across it; what is the same everywhere, one about "
+    "the axes of the image."
+)
+GROUPS = (
+    "Does one target, session or speed stand out? rms of the residuals in σ. Good: all about 1 "
+    "(dashed). A target that stands out is of another size or mounted elsewhere; a session, after "
+    "something moved; a rise with speed is a clock that is off or a blur."
+)
+QUANTILES = (
+    "Are the residuals normal? Their quantiles over those of N(0, 1). Good: on the dashed line. "
+    "Steeper all over: the noise is larger than stated; ends that turn away: outliers; edges are "
+    "flatter, as they weigh as one."
+)
+INTAKE = (
+    "Did messages come as they should? Left: every interval between stamps over the usual one. "
+    "Right: how late the log took each message. Good: left a level line at 1, without points at 2 "
+    "or more (lost messages) or at 0 (repeated ones); right a level band. A slope is a clock that "
+    "drifts, steps are a clock that was set."
+)
+SCENE = (
+    "What does it look like? Sensors, targets at every placement that was used, and members "
+    "coloured by their residual in σ (blue short, grey right, red long; of cameras its size), in "
+    "the robot's frame. Good: by the result all points lie on the targets, grey with red and blue "
+    "mixed; by the first guess they lie beside them. One colour on one target or at one side: "
+    "something is not modelled there."
+)
+SHARED = (
+    "Returns coloured by distance, near yellow to far violet. Good: colours change at the edges "
+    "of the target and of what stands behind it."
+)
+CORRELATION = (
+    "Which numbers are off together? Correlation of all errors, translations and rotations along "
+    "each sensor's axes; red: both the same way, blue: opposite. Good: pale but for the diagonal. "
+    "A strong pair within one sensor trades one for the other: views at other distances part "
+    "them. Strong between two sensors: they share what is unsure, and their relative pose is surer "
+    "than each of them."
+)
+INCIDENCE_CAMERA = (
+    "Does the error depend on how flat the target is seen? Good: level, bars in the band. Bars "
+    "that widen at large angles: blur, or corners that are hard to find."
+)

@@ -54,7 +54,8 @@ def sessions(run):
 
 
 def held_out(run):
-    """Rows of every sensor: what its placements say against what the others predict, beside σ."""
+    """Rows of every sensor: what its placements say against what the others predict, beside σ, all
+    of them lengths over three axes."""
     rows = []
     for name, sensor in run.sensors.items():
         held = sensor["held_out"]
@@ -66,11 +67,19 @@ def held_out(run):
                     "mm": text.number(held["rms_m"] * MM, 2),
                     "deg": text.number(held["rms_rad"] * DEG, 2),
                     "ratio": text.number(held["ratio"], 3),
+                    "sigma_mm": text.number(_pose_sigma(sensor, 0) * MM, 2),
+                    "sigma_deg": text.number(_pose_sigma(sensor, 1) * DEG, 2),
                     "level": judge.level(held["ratio"], run.verdict["limits"], "heldout"),
                     "most": most_influential(run, name),
                 }
             )
     return rows
+
+
+def _pose_sigma(sensor, part):
+    """Length, m or rad, of the σ of a pose's position (part 0) or rotation (part 1)."""
+    variances = np.diag(sensor["covariance"]).reshape(2, 3)[part]
+    return float(np.sqrt(variances.sum()))
 
 
 def influences(run, sensor):

@@ -1,10 +1,13 @@
 """Poses as they are told: first guess, result with σ, correction, and error where truth is known.
 
 A pose is told in six numbers: x, y, z of the sensor's origin in the robot's frame, mm, and roll,
-pitch, yaw, deg, with R = Rz(yaw) Ry(pitch) Rx(roll). Each σ is that of the number beside it.
+pitch, yaw, deg, with R = Rz(yaw) Ry(pitch) Rx(roll). Each σ is that of the number beside it. Near a
+pitch of ±90° roll and yaw have no meaning of their own: σ and differences are then those of turns
+about x, y, z of the robot.
 """
 
 import itertools
+import warnings
 
 import numpy as np
 
@@ -13,21 +16,29 @@ from calib.report import text
 
 MM, DEG = 1e3, np.degrees(1.0)
 NAMES = (("x", "mm"), ("y", "mm"), ("z", "mm"), ("roll", "°"), ("pitch", "°"), ("yaw", "°"))
-GIMBAL = 1e-3  # cosine of a pitch at which roll and yaw have no meaning of their own
+GIMBAL = 0.1  # cosine of a pitch below which roll and yaw have no meaning of their own
 NEES_95 = (0.206, 2.408)  # NEES / 6 of an honest covariance lies here 95 times of 100
 
 
 def numbers(T):
     """(6,) x, y, z, mm, and roll, pitch, yaw, deg, of T (4, 4)."""
-    return np.concatenate([T[:3, 3] * MM, geometry.to_rpy(T) * DEG])
+    with warnings.catch_warnings():
+        # At a pitch of ±90° one of the two angles is chosen, which is as good as any other.
+        warnings.simplefilter("ignore", UserWarning)
+        return np.concatenate([T[:3, 3] * MM, geometry.to_rpy(T) * DEG])
+
+
+def locked(T):
+    """Whether roll and yaw of T (4, 4) have no meaning of their own: its x axis is near ±z."""
+    return np.hypot(T[0, 0], T[1, 0]) < GIMBAL
 
 
 def sigmas(T, covariance):
-    """(6,) standard deviations of numbers(T); NaN for the angles at a pitch of ±90°."""
-    roll, pitch, _ = geometry.to_rpy(T)
+    """(6,) standard deviations of numbers(T); of turns about x, y, z of the robot where locked."""
     J = np.zeros((6, 6))
-    J[:3, :3], J[3:, 3:] = T[:3, :3], np.nan
-    if abs(np.cos(pitch)) > GIMBAL:
+    J[:3, :3] = J[3:, 3:] = T[:3, :3]
+    if not locked(T):
+        roll, pitch, _ = geometry.to_rpy(T)
         # Rates about the sensor's axes from those of roll, pitch and yaw.
         from_rates = [
             [1.0, 0.0, -np.sin(pitch)],
@@ -39,7 +50,11 @@ def sigmas(T, covariance):
 
 
 def difference(T, T_from):
-    """(6,) numbers(T) less numbers(T_from), the angles within ±180°."""
+    """(6,) numbers(T) less numbers(T_from), the angles within ±180°; where locked, the turn about
+    x, y, z of the robot that leads from one to the other."""
+    if locked(T):
+        turn = geometry.so3_log(T[:3, :3] @ T_from[:3, :3].T) * DEG
+        return np.concatenate([(T - T_from)[:3, 3] * MM, turn])
     d = numbers(T) - numbers(T_from)
     return np.concatenate([d[:3], (d[3:] + 180) % 360 - 180])
 
@@ -109,6 +124,7 @@ def of_sensor(run, name):
     T, T_true, covariance = run.T_robot_sensor(name), run.truth(name), sensor["covariance"]
     out |= {"rows": rows(T, covariance, guess(sensor), T_true), "change": change(sensor, T)}
     out |= {"error": told_error(T, covariance, T_true), "least": least_certain(sensor)}
+    out["locked"] = locked(T)
     out["worked"] = ", ".join(text.fixed(v, 4) for v in geometry.transform(T, [1.0, 0.0, 0.0]))
     out["quat"] = ", ".join(text.fixed(v, 8) for v in sensor["T_robot_sensor"]["quat_xyzw"])
     out["matrix"] = "\n".join(" ".join(f"{v: .9f}" for v in row) for row in T)
@@ -160,5 +176,6 @@ def between(run):
         if run.truth(a) is not None and run.truth(b) is not None:
             T_true = geometry.inverse(run.truth(a)) @ run.truth(b)
         told = told_error(T, covariance, T_true)
-        out.append({"a": a, "b": b, "rows": rows(T, covariance, None, T_true), "error": told})
+        pair = {"a": a, "b": b, "T": T, "covariance": covariance, "locked": locked(T)}
+        out.append(pair | {"rows": rows(T, covariance, None, T_true), "error": told})
     return out

@@ -31,6 +31,8 @@ def of_sensor(run, sensor):
         out.append(placements(sensor, kinds))
     if main := residuals.lengths(kinds):
         out += surface(sensor, main)
+    elif kinds:
+        out += lens(sensor, kinds.values())
     in_image = [c for c in kinds.values() if residuals.components(c).shape[1] == 2]
     return out + ([vectors(run, sensor, in_image)] if in_image else [])
 
@@ -183,6 +185,26 @@ def surface(sensor, columns):
         ("incidence", angles, "angle of incidence, °", over, captions.INCIDENCE),
     )
     return [_groups(sensor, *plan) for plan in plans if plan[1]]
+
+
+def lens(sensor, parts):
+    """Residuals of a camera by range and angle of incidence, all kinds together."""
+    r = [residuals.normalised(c) for c in parts]
+    value = np.concatenate([v.ravel() for v in r])
+
+    def spread(name):
+        return np.concatenate(
+            [np.repeat(c[name], v.shape[1]) for c, v in zip(parts, r, strict=True)]
+        )
+
+    angle = np.degrees(np.arccos(np.clip(spread("cosine"), -1, 1)))
+    over = ("residual / σ", (-1, 1))
+    out = [_groups(sensor, "range", _binned(spread("range"), value), "range, m", over,
+                   captions.RANGE)]  # fmt: skip
+    if spread("cosine").any():
+        out.append(_groups(sensor, "incidence", _binned(angle, value), "angle of incidence, °",
+                           over, captions.INCIDENCE_CAMERA))  # fmt: skip
+    return out
 
 
 def _binned(x, r, bins=12):

@@ -26,7 +26,7 @@ def to_pdf(html, images):
     """PDF bytes of a page and its Images; the same page gives the same bytes."""
     # They tell of every step, the import's own too, and of rules for the screen that do not apply.
     for name in CHATTY:
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+        logging.getLogger(name).setLevel(logging.ERROR)
     import weasyprint  # 1 s, which only the job that prints should pay
     from weasyprint.urls import URLFetcher, URLFetcherResponse
 

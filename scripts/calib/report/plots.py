@@ -16,6 +16,7 @@ WIDTH, HEIGHT, WIDE = 3.6, 2.5, 8.5  # inch: a phone's width at a readable size;
 LEFT, RIGHT, BOTTOM, TOP = 0.62, 0.12, 0.46, 0.26  # inch, for tick labels, axis labels and title
 DPI = 130  # of what is drawn as pixels in an SVG
 PAPER_DPI = 180
+SPARSE = 24_000  # characters of an SVG, up to which paper shows it
 # Full colour resolution, or thin lines of colour smear.
 JPEG = [cv2.IMWRITE_JPEG_QUALITY, 90, cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
         cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]  # fmt: skip
@@ -66,10 +67,11 @@ STYLE = {
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure with its caption: an <svg> element, and the JPEG that paper shows in its stead.
+    """A figure with its caption: an <svg> element, and the JPEG that paper shows in its stead where
+    there is much in it.
 
     caption says what is seen, reading what good looks like; span: how many of the page's columns
-    it takes, 0 for all of them. A photograph has no JPEG: paper shows its <svg>.
+    it takes, 0 for all of them. A photograph or a sparse plot has no JPEG: paper shows its <svg>.
     """
 
     svg: str
@@ -124,14 +126,20 @@ def _place_labels(fig, ax):
 def drawing(fig, name, label, caption, span=1):
     """The Drawing of a figure; what its caption says from "Good:" on is its reading."""
     seen, good, reading = caption.partition("Good:")
-    reading = (good + reading).strip()
-    return Drawing(to_svg(fig, name, label), to_jpeg(fig), seen.strip(), reading, span)
+    svg = to_svg(fig, name, label)
+    raster = None if sparse(svg) else to_jpeg(fig)
+    return Drawing(svg, raster, seen.strip(), (good + reading).strip(), span)
+
+
+def sparse(svg):
+    """Whether so little is in an <svg> that paper takes it as it is, with sharp lines and text."""
+    return len(svg) < SPARSE and "<image" not in svg
 
 
 def to_jpeg(fig):
     """The figure on white, as JPEG bytes, which a PDF takes as they are; PNG is packed anew.
 
-    On paper an SVG would take longer than this: every element of it is laid out.
+    On paper a full SVG would take longer than this: every element of it is laid out.
     """
     fig.patch.set_facecolor("white")
     fig.set_dpi(PAPER_DPI)
@@ -163,6 +171,7 @@ def to_svg(fig, name, label):
 def _ungrouped(svg):
     """The SVG without groups that say nothing, which are half of its elements."""
     kept, parts = [], []
+    svg = re.sub(r"<g\b[^>]*/>", "", svg)
     for part in re.split(r"(<g\b[^>]*>|</g>)", svg):
         if part.startswith("<g"):
             kept.append(part != "<g>")

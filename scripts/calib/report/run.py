@@ -33,9 +33,11 @@ class Stream:
 
 @dataclass(frozen=True)
 class Session:
-    """One recording: audit, placements, their status and the targets', streams by sensor."""
+    """One recording: audit, columns of its frames, placements, their status and the targets',
+    streams by sensor."""
 
     audit: dict
+    frames: dict
     placements: dict
     status: Status
     targets: dict
@@ -44,25 +46,26 @@ class Session:
 
 @dataclass(frozen=True)
 class Run:
-    """All of one rig; residuals and iterations as columns, sessions by name."""
+    """All of one rig; residuals of targets that are still, those of targets in motion, and
+    iterations as columns, sessions by name."""
 
     options: dict
     calibration: dict
     verdict: dict
     residuals: dict
+    in_motion: dict
     iterations: dict
     sessions: dict
 
     @cached_property
     def by_sensor(self):
         """{sensor: {kind: columns}} of the residuals, both in order of name."""
-        out = {}
-        names = np.asarray(self.residuals["sensor"])
-        for sensor in np.unique(names).tolist():
-            rows = tables.select(self.residuals, names == sensor)
-            kinds = {k: rows["kind"] == k for k in np.unique(rows["kind"]).tolist()}
-            out[sensor] = {k: tables.select(rows, here) for k, here in kinds.items()}
-        return out
+        return _by_sensor(self.residuals)
+
+    @cached_property
+    def moving_by_sensor(self):
+        """{sensor: {kind: columns}} of the residuals in motion."""
+        return _by_sensor(self.in_motion)
 
     @cached_property
     def used_views(self):
@@ -121,6 +124,17 @@ class Run:
             return np.array(estimate["T_body_target"]["matrix"])
         config = self.options["targets"][target].get("T_body_target")
         return rig.pose(config) if config else np.eye(4)
+
+
+def _by_sensor(columns):
+    """{sensor: {kind: columns}} of columns of residuals, both in order of name."""
+    out = {}
+    names = np.asarray(columns["sensor"])
+    for sensor in np.unique(names).tolist():
+        rows = tables.select(columns, names == sensor)
+        kinds = {k: rows["kind"] == k for k in np.unique(rows["kind"]).tolist()}
+        out[sensor] = {k: tables.select(rows, here) for k, here in kinds.items()}
+    return out
 
 
 def payloads(path, wanted):

@@ -1,21 +1,10 @@
-"""Verdict, unknowns beside the poses, convergence and provenance as the template prints them."""
-
-import json
+"""The verdict in three lines, its limits and what to do, as the template prints them."""
 
 import numpy as np
 
 from calib import verdict as judge
-from calib.report import extrinsics, text
+from calib.report import text
 from calib.report.extrinsics import MM
-
-AXES = [f"{what} {axis}" for what in ("the place along", "the turn about") for axis in "xyz"]
-LOOSE = 0.9  # of the prior's σ: an alignment that is not better known than that stands as stated
-CORRECTED = {  # what was estimated of a sensor besides, by name of the Hypothesis
-    "apart": "returns and outlines",
-    "beam_width": "width of the beams",
-    "beams": "ranges of single beams",
-    "range_bias": "ranges",
-}
 
 
 def largest_sigmas(sensor):
@@ -47,6 +36,13 @@ def _level(value, limits, key, large_is_bad):
     return judge.level(value, limits, key, large_is_bad)
 
 
+def _share(value, limit, large_is_bad):
+    """How much of a limit a value takes up; None where either is missing or there is nothing."""
+    if not value or not limit:
+        return None
+    return value / limit if large_is_bad else limit / value
+
+
 def _limit(limits, key, factor, large_is_bad):
     """`warn above 5, fail above 20` of one pair of limits."""
     side = "above" if large_is_bad else "below"
@@ -62,24 +58,76 @@ def verdict(run):
         cells, heads = [], []
         for heading, unit, key, factor, value, large in checks(sensor):
             shown = text.DASH if value is None else text.number(value * factor)
-            cells.append({"text": shown, "level": _level(value, limits, key, large)})
+            level = _level(value, limits, key, large)
+            share = _share(value, limits.get(f"warn_{key}"), large)
+            cells.append({"text": shown, "level": level, "share": share})
             limit = _limit(limits, key, factor, large)
             heads.append({"text": heading, "unit": unit, "limit": limit})
         level = judged["sensors"].get(name, sensor["verdict"])
         row = {"name": name, "kind": sensor["kind"], "level": level, "cells": cells}
         rows.append(row | {"status": sensor["status"]})
-    solved = [n for n, s in run.sensors.items() if s["T_robot_sensor"]]
-    total = text.plural(len(run.sensors), "sensor")
-    sessions = text.plural(len(run.sessions), "session")
     return {
         "level": judged["verdict"],
+        "lines": [found(run), why(run, rows, heads), todo(judged)],
         "reasons": judged["reasons"],
         "heads": heads,
         "rows": rows,
         "advice": advice(judged["findings"]),
         "limits": {k: text.number(v) for k, v in sorted(limits.items())},
-        "summary": f"{len(solved)} of {total} calibrated from {sessions}.",
     }
+
+
+def found(run):
+    """First line: how many sensors have a pose, and which have none."""
+    without = [n for n, s in run.sensors.items() if not s["T_robot_sensor"]]
+    total = text.plural(len(run.sensors), "sensor")
+    sessions = text.plural(len(run.sessions), "session")
+    told = f"{len(run.sensors) - len(without)} of {total} calibrated from {sessions}"
+    return f"{told}; no pose for {', '.join(without)}." if without else f"{told}."
+
+
+def why(run, rows, heads):
+    """Second line: the gravest reason, or how near to a limit the result comes."""
+    reasons = run.verdict["reasons"]
+    if reasons:
+        more = len(reasons) - 1
+        told = reasons[0] + _instead(run)
+        return told + (f"; and {text.plural(more, 'more reason')}." if more else ".")
+    near = [
+        (cell["share"], row["name"], head["text"])
+        for row in rows
+        for cell, head in zip(row["cells"], heads, strict=True)
+        if cell["share"] is not None
+    ]
+    if not near:
+        return "Every sensor is within every limit."
+    share, name, what = max(near)
+    return (
+        f"Every sensor is within every limit; nearest to one: {what} of {name}, "
+        f"{text.percent(share)} of what would warn."
+    )
+
+
+def _instead(run):
+    """What was found and expected of a sensor without a pose, if that is the gravest reason."""
+    first = next(iter(run.verdict["findings"]), None)
+    if not first or first["check"] != "status" or not first["sensor"]:
+        return ""
+    status = run.sensors[first["sensor"]]["status"]
+    told = [f"{k} {status[k]}" for k in ("found", "expected") if status[k]]
+    return f" ({'; '.join(told)})" if told else ""
+
+
+def todo(judged):
+    """Third line: what to do about the gravest reason, or that the files can be used."""
+    first = next((f for f in judged["findings"] if f["remedy"]), None)
+    if first:
+        return (
+            first["remedy"][0].upper()
+            + first["remedy"][1:]
+            + "." * (first["remedy"][-1] not in ".?")
+        )
+    return "Nothing is to be mended: load the files in export/, whose worked points say which way."
 
 
 def advice(findings):
@@ -89,100 +137,3 @@ def advice(findings):
         if f["remedy"]:
             who.setdefault((f["level"], f["remedy"]), []).extend(f["sensors"])
     return [(level, ", ".join(dict.fromkeys(names)), what) for (level, what), names in who.items()]
-
-
-def other_unknowns(run):
-    """(name, text or None) of everything beside the poses that could have been estimated."""
-    rows = []
-    for name, s in run.sensors.items():
-        rows.append((f"time offset of {name}", _offset(s)))
-        intrinsics = json.dumps(s["intrinsics"], sort_keys=True) if s["intrinsics"] else None
-        rows += [(f"clock of {name} in {k}", _wander(w)) for k, w in _by_session(s)]
-        if s["kind"] == "camera":
-            rows.append((f"intrinsics of {name}", intrinsics))
-        rows += [(f"{CORRECTED[c['name']]} of {name}", c["text"]) for c in s["corrections"]]
-    for name, target in sorted(run.calibration["targets"].items()):
-        rows.append((f"alignment of {name} in its MCS body", _alignment(target)))
-    for name, session in sorted(run.calibration["sessions"].items()):
-        if session:
-            T = np.array(session["T_robot_markers"]["matrix"])
-            rows.append((f"robot markers in {name}, in R", _pose(T, session["covariance"])))
-    return rows
-
-
-def _offset(sensor):
-    """A sensor's offset with its σ and where it comes from, or why there is none."""
-    offset, clock = sensor["time_offset_s"], sensor["clock"] or None
-    if not offset:
-        return clock
-    value, sigma = offset["value"] * MM, offset["sigma"] * MM
-    return f"{text.fixed(value, 3)} ± {text.number(sigma, 2)} ms, {clock}"
-
-
-def _by_session(sensor):
-    """[(session, offset and drift)] of a sensor whose clock wanders."""
-    return sorted((sensor["time_wander"] or {}).items())
-
-
-def _wander(found):
-    """Offset in the middle of a session and drift within it, with their σ."""
-    offset, drift = found["time_offset_s"], found["drift_ppm"]
-    return (
-        f"{text.fixed(offset['value'] * MM, 3)} ± {text.number(offset['sigma'] * MM, 2)} ms in its "
-        f"middle, drift {text.number(drift['value'], 3)} ± {text.number(drift['sigma'], 2)} ppm"
-    )
-
-
-def _pose(T, covariance):
-    """`x 1.2 ± 0.1 mm, ...` of a pose (4, 4)."""
-    rows = extrinsics.rows(T, covariance, None, None)
-    return ", ".join(f"{r['name']} {r['value']} ± {r['sigma']} {r['unit']}" for r in rows)
-
-
-def _alignment(target):
-    if not target:
-        return None
-    T = np.array(target["T_body_target"]["matrix"])
-    told = _pose(T, target["covariance"])
-    if target["prior"] is None:
-        return told
-    ratio = np.sqrt(np.diag(target["covariance"])) / target["prior"]
-    loose = [AXES[i] for i in np.flatnonzero(ratio > LOOSE)]
-    least = f"; σ is {text.number(ratio.min(), 2)} to {text.number(ratio.max(), 2)} of its prior"
-    if not loose:
-        return told + least
-    return f"{told}{least}: nothing tells {', '.join(loose)} of the target; tilt it to more sides"
-
-
-def convergence(run):
-    """Rows of the rounds of solving and re-association."""
-    it = run.iterations
-    return [
-        {
-            "round": int(it["round"][i]),
-            "cost": text.number(float(it["cost"][i]), 6),
-            "ipopt": int(it["ipopt_iterations"][i]),
-            "members": text.count(int(it["members"][i])),
-            "changed": text.count(int(it["changed"][i])),
-            "step_m": text.number(float(it["step_m"][i]) * MM, 2),
-            "step_rad": text.number(float(np.degrees(it["step_rad"][i])), 2),
-        }
-        for i in range(len(it["round"]))
-    ]
-
-
-def provenance(run):
-    """Versions, log fingerprints and the config that the stages were given."""
-    known = run.calibration["provenance"]
-    logs = {
-        n: [line.split() for line in s.audit.get("fingerprint", [])]
-        for n, s in run.sessions.items()
-    }
-    config = {k: run.options[k] for k in ("sensors", "targets")}
-    return {
-        "packages": sorted(known.get("packages", {}).items()),
-        "other": {k: v for k, v in sorted(known.items()) if k not in ("packages", "sessions")},
-        "schema_version": run.calibration["schema_version"],
-        "logs": logs,
-        "config": json.dumps(config, indent=1, sort_keys=True, ensure_ascii=False),
-    }

@@ -2,6 +2,7 @@
 
 A shape is one module with a frozen dataclass that has
   from_config(config)   from config/targets/<name>.yaml;
+  turns                 axes of its frame, 0 to 2, that it can be turned about unseen;
   reach                 m, radius of the ball around `centre` that holds it;
   centre (3,), size (k,)   its middle, m, target frame, and its extents, m, largest first;
   area                  m², seen face on;

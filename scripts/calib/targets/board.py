@@ -22,6 +22,7 @@ class Board:
 
     name = "board"
     color = None
+    turns = ()
 
     @classmethod
     def from_config(cls, config):

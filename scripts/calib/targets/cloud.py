@@ -17,6 +17,7 @@ class Cloud:
     name = "shape"
     pattern = None
     color = None
+    turns = ()
 
     @classmethod
     def from_config(cls, config):

@@ -21,6 +21,7 @@ class Cylinder:
 
     name = "cylinder"
     pattern = None
+    turns = (0,)
 
     @classmethod
     def from_config(cls, config):

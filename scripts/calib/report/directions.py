@@ -1,0 +1,37 @@
+"""Which directions of a pose the data tell well, which hardly, and what would tell more."""
+
+import numpy as np
+
+from calib import observability
+from calib.report import text
+from calib.report.extrinsics import DEG, MM
+
+
+def principal(sensor, T_robot_sensor):
+    """[(words, σ as text)] of the six principal directions of a pose, the least certain first; a
+    turn counts like the shift at 1 m that it makes."""
+    scale = np.repeat([1.0, observability.ARM], 3)
+    values, vectors = np.linalg.eigh(scale[:, None] * np.asarray(sensor["covariance"]) * scale)
+    out = []
+    for variance, twist in zip(values[::-1], vectors.T[::-1], strict=True):
+        sigma = np.sqrt(max(variance, 0.0))
+        turning = np.linalg.norm(twist[3:]) > np.linalg.norm(twist[:3])
+        shown = sigma * DEG / observability.ARM if turning else sigma * MM
+        words = observability.in_words(twist, T_robot_sensor)
+        out.append((words, f"{text.number(shown, 2)} {'°' if turning else 'mm'}", float(sigma)))
+    return out
+
+
+def rows(run):
+    """What is told of every sensor: open directions, the six of its pose, what to record next."""
+    out = []
+    for name, sensor in run.sensors.items():
+        T = run.T_robot_sensor(name)
+        six = principal(sensor, T) if T is not None else []
+        told = {"name": name, "six": [(w, s) for w, s, _ in six], "ratio": text.DASH}
+        if six and six[-1][2] > 0:
+            told["ratio"] = text.number(six[0][2] / six[-1][2], 2)
+        told["open"] = [d["words"] for d in sensor["undetermined"]]
+        told["advice"] = sensor["advice"] or sensor["status"]["remedy"]
+        out.append(told)
+    return out

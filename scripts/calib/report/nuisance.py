@@ -1,0 +1,93 @@
+"""What was estimated beside the poses: clocks, mounts, lenses, ranges, markers."""
+
+import numpy as np
+
+from calib import cameras, rig, targets
+from calib.report import extrinsics, text
+from calib.report.extrinsics import MM
+
+AXES = [f"{what} {axis}" for what in ("the place along", "the turn about") for axis in "xyz"]
+CORRECTED = {  # what was estimated of a sensor besides, by name of the Hypothesis
+    "apart": "returns and outlines",
+    "beam_width": "width of the beams",
+    "beams": "ranges of single beams",
+    "range_bias": "ranges",
+}
+
+
+def other_unknowns(run):
+    """(name, text or None) of everything beside the poses that could have been estimated."""
+    rows = []
+    for name, s in run.sensors.items():
+        rows.append((f"time offset of {name}", _offset(s)))
+        wander = sorted((s["time_wander"] or {}).items())
+        rows += [(f"clock of {name} in {session}", _wander(w)) for session, w in wander]
+        if s["kind"] == "camera":
+            rows.append((f"intrinsics of {name}", _lens(run, name, s)))
+        rows += [(f"{CORRECTED[c['name']]} of {name}", c["text"]) for c in s["corrections"]]
+    for name, target in sorted(run.calibration["targets"].items()):
+        rows.append((f"alignment of {name} in its MCS body", _alignment(run, name, target)))
+    for name, session in sorted(run.calibration["sessions"].items()):
+        if session:
+            T = np.array(session["T_robot_markers"]["matrix"])
+            rows.append((f"robot markers in {name}, in R", _pose(T, session["covariance"])))
+    return rows
+
+
+def _offset(sensor):
+    """A sensor's offset with its σ and where it comes from, or why there is none."""
+    offset, clock = sensor["time_offset_s"], sensor["clock"] or None
+    if not offset:
+        return clock
+    value, sigma = offset["value"] * MM, offset["sigma"] * MM
+    return f"{text.fixed(value, 3)} ± {text.number(sigma, 2)} ms, {clock}"
+
+
+def _wander(found):
+    """Offset in the middle of a session and drift within it, with their σ."""
+    offset, drift = found["time_offset_s"], found["drift_ppm"]
+    return (
+        f"{text.fixed(offset['value'] * MM, 3)} ± {text.number(offset['sigma'] * MM, 2)} ms in its "
+        f"middle, drift {text.number(drift['value'], 3)} ± {text.number(drift['sigma'], 2)} ppm"
+    )
+
+
+def _pose(T, covariance):
+    """`x 1.2 ± 0.1 mm, ...` of a pose (4, 4)."""
+    rows = extrinsics.rows(T, covariance, None, None)
+    return ", ".join(f"{r['name']} {r['value']} ± {r['sigma']} {r['unit']}" for r in rows)
+
+
+def _alignment(run, name, target):
+    """Where a target sits in its body, who decided that, and what the data cannot tell of it; a
+    turn that nobody could see does not matter and is not asked for."""
+    if not target:
+        return None
+    T = np.array(target["T_body_target"]["matrix"])
+    told = _pose(T, target["covariance"])
+    if target["prior"] is None:
+        return told
+    ratio = np.sqrt(np.diag(target["covariance"])) / target["prior"]
+    unseen = [3 + axis for axis in targets.from_config(run.options["targets"][name]).turns]
+    matters = np.setdiff1d(np.arange(6), unseen)
+    low, high = (text.number(v, 2) for v in (ratio[matters].min(), ratio[matters].max()))
+    told += f"; σ is {low} to {high} of its prior"
+    if unseen:
+        told += f"; {', '.join(AXES[i] for i in unseen)} of the target does not matter"
+    if target["open"]:
+        told += f": nothing tells {', '.join(target['open'])}; tilt it to more sides"
+    return told
+
+
+def _lens(run, name, sensor):
+    """Parameters of a camera with their σ and what they were; or why there are none."""
+    found = sensor["intrinsics"]
+    if not found:
+        return sensor["lens"] or None
+    names = cameras.MODELS[found["model"]].PARAMS
+    # A camera pads what its config leaves out with zeros.
+    before = rig.camera(run.options["sensors"][name]).params
+    rows = zip(names, before, found["params"], found["sigma"], strict=False)
+    told = [f"{n} {text.number(a, 5)} → {text.number(b, 5)} ± {text.number(s, 2)}"
+            for n, a, b, s in rows]  # fmt: skip
+    return ", ".join(told)

@@ -1,0 +1,131 @@
+"""What the report tells beside the poses: levels, residuals, unknowns, suspicions."""
+
+import numpy as np
+import pytest
+
+from calib import config, geometry, rig, verdict
+from calib.report import (
+    residuals,
+    summary,
+)
+from reporting import HELD_OUT, LIMITS, SIGMA, section, sensor_result, words
+
+
+def test_estimated_unknowns_are_told(files, undrawn):
+    files.calibration["sensors"]["left"]["time_offset_s"] = {"value": 0.025, "sigma": 0.0002}
+    files.calibration["sensors"]["left"]["clock"] = "from 25 views of targets in motion"
+    files.calibration["sensors"]["top"]["clock"] = "not observable: no relative motion"
+    files.calibration["targets"]["board"] = {
+        "T_body_target": rig.pose_json(geometry.from_rpy([0.006, 0, 0], [0, 0, np.radians(1)])),
+        "covariance": np.diag(SIGMA**2).tolist(),
+        "shift": [0.006, 0, 0, 0, 0, np.radians(1)],
+        "prior": (SIGMA * [2, 4, 4, 4, 4, 1.05]).tolist(),
+    }
+    T = rig.pose_json(geometry.from_rpy([0.03, 0, 0], [0, 0, 0]))
+    markers = {"T_robot_markers": T, "covariance": np.diag(SIGMA**2).tolist()}
+    files.calibration["sessions"]["s1"] = markers
+    said = words(files.render())
+    assert "robot markers in s1, in R x 30.0 ± 1.0 mm" in said
+    assert "time offset of left 25.000 ± 0.2 ms, from 25 views of targets in motion" in said
+    assert "time offset of top not observable: no relative motion" in said
+    assert "alignment of board in its MCS body x 6.0 ± 1.0 mm" in said
+    assert "yaw 1.0000 ± 0.0172 °; σ is 0.25 to 0.95 of its prior" in said
+    assert "nothing tells the turn about z of the target; tilt it to more sides" in said
+
+
+def test_every_session_stands_beside_the_others(files, undrawn):
+    row = {"session": "s1", "sensor": "left", "others": 1, "chance": 1e-9}
+    shift, sigma = [0.003, 0, 0.004, 0, 0, 0.01], [0.0001] * 3 + [0.001] * 3
+    files.calibration["repeatability"] = [row | {"shift": shift, "sigma": sigma}]
+    assert "s1 left 5 0.17 0.57 0.099" in words(files.render())
+
+
+def test_levels_agree_with_the_judge():
+    limits = config.complete("config", {"sessions": {"s": {"rig": "r", "log": "x"}}}, "x")["judge"]
+    told = {"tilt": {}, "fit": {}, "advice": "", "correction": None}
+    for sigma in (0.001, 0.006, 0.03):
+        sensor = sensor_result("top") | {"covariance": (np.eye(6) * sigma**2).tolist()} | told
+        sensor |= {"rejected": 0.3, "placements": 2, "held_out": HELD_OUT | {"ratio": 3.0}}
+        cells = {
+            key: summary._level(value, limits, key, large)
+            for _, _, key, _, value, large in summary.checks(sensor)
+        }
+        found = verdict.of_sensor("top", sensor, limits)
+        found += verdict.of_sigma("top", sensor, limits, misfit=True)
+        assert {k: v for k, v in cells.items() if v != "pass"} == {
+            f["check"]: f["level"] for f in found
+        }
+
+
+@pytest.mark.parametrize("large_is_bad", [True, False])
+def test_a_value_that_is_no_number_fails_for_judge_and_report_alike(large_is_bad):
+    key = "sigma_m" if large_is_bad else "placements"
+    assert verdict.level(np.nan, LIMITS, key, large_is_bad) == "fail"
+    assert summary._level(np.nan, LIMITS, key, large_is_bad) == "fail"
+
+
+@pytest.mark.parametrize(
+    ("sensor", "kind", "signed", "unit"),
+    [
+        ("left", "limb", True, "px"),
+        ("left", "silhouette", True, "px"),
+        ("top", "point", False, "mm"),
+        ("top", "vertex", False, "mm"),
+        ("top", "edge", True, "°"),
+    ],
+)
+def test_every_kind_of_measurement_is_shown(files, undrawn, sensor, kind, signed, unit):
+    rows = files.residuals["sensor"] == sensor
+    files.residuals["kind"] = np.where(rows, kind, files.residuals["kind"])
+    if kind == "limb":
+        files.residuals["value"][rows, 1] = 0
+    if not signed:
+        files.residuals["value"][rows] = np.abs(files.residuals["value"][rows])
+        files.residuals["cosine"][rows] = 0.0
+    files.calibration["noise"]["sensors"][sensor] = {kind: 0.01}
+    page = files.render()
+    assert f"Residuals of {sensor} {kind} over sigma" in page
+    assert f">{kind}<small>{residuals.MEANING[kind]}" in page
+    assert residuals.unit(kind)[0] == unit
+    assert ("which are never" in words(page) or "never negative" in words(page)) != signed
+
+
+def test_what_did_not_pass_comes_with_what_to_do(files, undrawn):
+    """Each remedy once, with the sensors that it is for."""
+    one = {"check": "rejected", "level": "warn", "value": 0.3, "limit": 0.2, "text": "much"}
+    one |= {"remedy": "look at the overlays"}
+    files.findings = [one | {"sensor": n, "sensors": [n]} for n in ("left", "top")]
+    page = files.render()
+    said = words(page)
+    assert "Do Look at the overlays." in said
+    assert section(page, "diagnostics").count("look at the overlays") == 2
+    assert "1.5 × the limit" in section(page, "diagnostics")
+
+
+def test_suspicions_are_told_with_rivals_effect_and_remedy(files, undrawn):
+    rival = {"name": "frame", "of": "board", "text": "it is off", "remedy": "so", "gain": 9.0}
+    files.calibration["suspicions"] = [
+        {
+            "name": "squares",
+            "of": "board",
+            "text": "the squares are larger",
+            "remedy": "measure them",
+            "estimate": [0.02],
+            "sigma": [0.001],
+            "gain": 30.0,
+            "chance": 1e-14,
+            "explained": {"left/corner": 0.4, "mocap": 0.01},
+            "shift": {"left": {"m": 0.0123, "rad": 0.001, "sigmas": 9.0}},
+            "rivals": [rival],
+        }
+    ]
+    said = words(files.render())
+    assert "the squares are larger or it is off To do: measure them." in said
+    assert "left 12 mm, 0.057° (9 σ) 40 % of left/corner" in said
+
+
+def test_placements_left_out_and_measurements_left_out_are_counted(files, undrawn):
+    said = words(files.render())
+    assert "left 2 2 0.57 1.1 3.7 0.021 1 (board) cannot be spared; 0 (board) 1.4 σ" in said
+    assert "board corner 70 7 (10 %) before the surface" in said
+    assert "σ against the number of placements" in said
