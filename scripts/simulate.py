@@ -127,7 +127,7 @@ def _session(args, built, kinds, shifts, number, name):
     world = scene.build(args.targets, args.target_scale)
     anew = (args.remount_m, args.remount_deg) if number else (0.0, 0.0)
     markers = mounts.displacement(_rng(args, MARKERS, number), *anew)
-    if name == rigs.RIGS[args.rig].sessions[-1]:
+    if (args.bump_m or args.bump_deg) and name == rigs.RIGS[args.rig].sessions[-1]:
         knock = mounts.displacement(_rng(args, BUMP), args.bump_m, args.bump_deg)
         built = mounts.bumped(built, knock)
     motions = (times, drawn.knots, shifts, markers, biases, swaps)

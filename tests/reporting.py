@@ -92,6 +92,7 @@ def placements():
         "samples": np.full(n, 200),
         "effective_samples": np.full(n, 150.0),
         "pose_factor": np.full(n, 0.1),
+        "creep": np.zeros((n, 6)),
         "covariance": np.zeros((n, 36)),
     }
 
@@ -204,11 +205,14 @@ def audit():
     }
 
 
+OFFSET = {"value": 0.0, "sigma": 0.05, "source": "config"}
+
+
 def guess_of(sensor):
     """The first guess, off by centimetres and degrees."""
     T = rig.pose_json(POSES[sensor] @ GUESS_OFF)
     sigma = [0.05] * 3 + [0.09] * 3
-    known = {"T_robot_sensor": T, "sigma": sigma, "source": "config", "time_offset_s": None}
+    known = {"T_robot_sensor": T, "sigma": sigma, "source": "config", "time_offset_s": OFFSET}
     return known | {"status": OK.to_dict(), "frame": f"{sensor}_frame"}
 
 
@@ -220,7 +224,7 @@ def sensor_result(sensor):
         "frame": f"{sensor}_frame",
         "status": OK.to_dict(),
         "verdict": "pass",
-        "guess": {k: guess[k] for k in ("T_robot_sensor", "sigma", "source")},
+        "guess": {k: guess[k] for k in ("T_robot_sensor", "sigma", "source", "time_offset_s")},
         "T_robot_sensor": rig.pose_json(POSES[sensor]),
         "covariance": np.diag(SIGMA**2).tolist(),
         "weakest": {"direction": "translation along z of the robot body", "sigma": 0.003},
@@ -242,6 +246,7 @@ def sensor_result(sensor):
         },
         "time_offset_s": None,
         "clock": "",
+        "time_wander": None,
         "intrinsics": None,
         "lens": "",
     }

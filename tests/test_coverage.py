@@ -124,6 +124,7 @@ def recorded():
         "samples": np.full(len(T), 80),
         "effective_samples": np.full(len(T), 80.0),
         "pose_factor": np.full(len(T), 80**-0.5),
+        "creep": np.zeros((len(T), 6)),
         "covariance": np.zeros((len(T), 36)),
     }
     number = np.repeat(np.arange(len(T)), VIEWS)

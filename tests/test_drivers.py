@@ -112,11 +112,14 @@ def test_damaged_messages_are_counted_by_their_reason_and_the_others_serve(tmp_p
 def status(kind, message_type):
     """Of the audit of a sensor whose topic carries that type."""
     sensor = {"kind": kind, "topic": "/it"}
-    recording = intake.Recording({"it": sensor}, "map")
-    audit = intake.sensor_audit(
-        "it", recording, {"/it": (message_type, 5)}, {"t": [], "sensor": []}
-    )
-    return audit["status"]
+    recording = intake.Recording(options(sensor))
+    topics, columns = {"/it": (message_type, 5)}, {"t": [], "sensor": []}
+    return intake.sensor_audit("it", recording, topics, columns, {})["status"]
+
+
+def options(sensor):
+    """Of decode, with that sensor alone."""
+    return {"sensors": {"it": sensor}, "mocap": {"topics": [], "map": "map"}, "bodies": []}
 
 
 @pytest.mark.parametrize(
@@ -168,16 +171,19 @@ def test_a_type_that_is_not_read_is_refused_with_what_to_do(kind, message_type, 
 
 def test_a_sensor_whose_every_message_is_damaged_fails_in_words():
     stamp = SimpleNamespace(sec=1, nanosec=0)
+    header = SimpleNamespace(stamp=stamp, frame_id="it")
     message = SimpleNamespace(
-        __msgtype__=log.CLOUD, header=SimpleNamespace(stamp=stamp, frame_id="it"), fields=[],
+        __msgtype__=log.CLOUD, header=header, fields=[],
         height=1, width=1, point_step=12, row_step=12, is_bigendian=False, data=np.zeros(12, "u1"),
     )  # fmt: skip
-    recording = intake.Recording({"it": {"kind": "lidar", "topic": "/it"}}, "map")
+    recording = intake.Recording(options({"kind": "lidar", "topic": "/it"}))
     for i in range(3):
-        recording.take(SimpleNamespace(topic="/it", type=log.CLOUD, content=message, log_t=i,
-                                       data=b"", file=0, ordinal=0))  # fmt: skip
-    columns = intake.frame_columns(recording.frames)
-    found = intake.sensor_audit("it", recording, {"/it": (log.CLOUD, 3)}, columns)["status"]
+        place = {"log_t": i, "data": b"", "file": 0, "ordinal": 0}
+        told = {"content": message, "header": header}
+        recording.take(SimpleNamespace(topic="/it", type=log.CLOUD, **told, **place))
+    columns = intake.frame_columns(recording.frames, intake.clocks(recording))
+    topics = {"/it": (log.CLOUD, 3)}
+    found = intake.sensor_audit("it", recording, topics, columns, {})["status"]
     assert found["reason"] == "clouds that cannot be read"
     assert found["found"] == "a cloud without x, y, z: its fields are "
     assert found["expected"] == "1 of the first 3 or more"

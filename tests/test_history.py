@@ -84,10 +84,12 @@ def results(folder, name, level="pass", moved=0.0, repeatability=()):
 
 def exported(home):
     """Run export on a rig's results."""
-    options = {"export": {"parent": ""}, "body": "mcs/robot"}
+    options = {"export": {"parent": "", "max_views": 1, "body_frames": {}}, "body": "mcs/robot"}
+    options |= {"sensors": SENSORS, "targets": {}, "sessions": {}}
     files = {"calibration": "calibration.json", "verdict": "verdict.json"}
     files |= {"output": "export", "history": "history"}
     paths = [a for k, v in files.items() for a in (f"--{k}", str(home / v))]
+    paths += ["--frames", "--placements", "--views", "--urdf"]
     export.main([*paths, "--options", json.dumps(options)])
 
 

@@ -164,6 +164,7 @@ def test_a_turn_that_nobody_can_see_is_not_asked_for(files, undrawn):
         "covariance": np.diag(SIGMA**2).tolist(),
         "shift": [0.0] * 6,
         "prior": (SIGMA * [4, 4, 4, 1.0, 4, 4]).tolist(),
+        "open": [],
     }
     said = words(files.render())
     assert "σ is 0.25 to 0.25 of its prior; the turn about x of the target does not matter" in said

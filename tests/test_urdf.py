@@ -335,7 +335,7 @@ def test_a_urdf_in_which_no_sensor_can_be_placed_ends_the_run_with_the_reason(mo
     assert (mounted / "robot.urdf").read_text() == ROBOT
 
 
-def test_guesses_come_from_the_urdf_as_it_was_before_the_calibration(mounted):
+def test_guesses_come_from_the_urdf_as_it_was_before_the_calibration(mounted, monkeypatch):
     def forget(r):
         r["guess_from"] = "robot.urdf"
         for sensor in r["sensors"].values():
@@ -352,6 +352,7 @@ def test_guesses_come_from_the_urdf_as_it_was_before_the_calibration(mounted):
     arguments = list(before)
     arguments[arguments.index("--output") + 1] = str(found)
     arguments[arguments.index("--audit") + 1] = str(mounted / "results/sim/sim/log.json")
+    monkeypatch.chdir(mounted)
     guess.main(arguments)
     told = stage.read_json(found)
     assert told["source"] == "robot.urdf"
