@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib import chain, estimation, geometry, hypotheses, refinement, rig
+from calib import chain, considered, estimation, geometry, hypotheses, refinement, rig
 from calib.information import covariance
 from synthetic import LIDAR, World, setup
 
@@ -89,6 +89,24 @@ def test_what_is_estimated_besides_is_in_the_covariance_of_the_pose():
         off = error(result, "lidar")
         nees.append(off @ np.linalg.solve(spread(result, made, "lidar"), off) / 6)
     assert 0.7 < np.mean(nees) < 1.35
+
+
+def test_sigma_knows_what_beams_err_by_in_common_by_how_the_pose_would_follow():
+    """Of a lidar whose beams err by 14 mm: its covariance grows by σ² k kᵀ, k being by how much the
+    pose moves when all ranges are shortened by 0.2 mm and everything is estimated anew."""
+    made = setup(0, MIXED, World(too_long=0.014 * SIGNS))
+    (beams,) = [h for h in hypotheses.all_of(made) if h.name == "beams"]
+    made = replace(made, corrections=(beams,))
+    result = estimation.estimate(made, START, **LIMITS)
+    longer = made.models | {"lidar": replace(LIDAR, range_bias=2e-4)}
+    other = estimation.estimate(replace(made, models=longer), START, **LIMITS)
+    T, moved = (r.state.T_robot_sensor["lidar"] for r in (result, other))
+    k = geometry.se3_log(geometry.inverse(T) @ moved) / 2e-4
+    theta = result.state.theta
+    sigma = np.sqrt(np.mean(theta**2) / (len(theta) + 1))
+    grown = spread(considered.widened(made, result), made, "lidar") - spread(result, made, "lidar")
+    np.testing.assert_allclose(grown, sigma**2 * np.outer(k, k), atol=0.05 * grown.max())
+    assert grown[:3, :3].trace() > 0.0005**2
 
 
 # --- the programme with such numbers
