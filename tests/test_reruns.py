@@ -62,14 +62,19 @@ def test_the_size_of_a_target_re_runs_neither_decode_nor_gate_nor_guess(again):
     assert rules(runs.planned(again)) == {"crop", "extract"} | AFTER_EXTRACT
 
 
-def test_only_a_guess_that_is_to_be_found_depends_on_targets_and_log(again):
+def test_a_guess_depends_on_targets_and_log_only_where_pose_or_clock_is_to_be_found(again):
     runs.edit(rig(again), lambda r: r["sensors"]["camera"].pop("T_robot_sensor"))
     commands = runs.commands(again)
-    searched, stated = (commands["guess", s] for s in ("camera", "velodyne"))
+    searched, timed = (commands["guess", s] for s in ("camera", "velodyne"))
+    runs.edit(config(again), lambda c: c.update(solve={"estimate": {"time_offset": False}}))
+    stated = runs.commands(again)["guess", "velodyne"]
     assert {"targets", "log"} <= set(json.loads(searched[-1]))
-    assert not {"targets", "log"} & set(json.loads(stated[-1]))
+    assert {"targets", "log"} & set(json.loads(timed[-1])) == {"log"}
+    assert not {"targets", "log", "bodies"} & set(json.loads(stated[-1]))
     assert "results/sim/sim/placements.parquet" in searched
-    assert "results/sim/sim/placements.parquet" not in stated
+    assert "results/sim/sim/placements.parquet" not in timed
+    assert "results/sim/sim/mocap.parquet" in timed
+    assert not {f"results/sim/sim/{n}.parquet" for n in ("mocap", "frames")} & set(stated)
 
 
 def test_a_touched_log_re_runs_nothing(again):
