@@ -15,6 +15,9 @@ def test_estimated_unknowns_are_told(files, undrawn):
     files.calibration["sensors"]["left"]["time_offset_s"] = {"value": 0.025, "sigma": 0.0002}
     files.calibration["sensors"]["left"]["clock"] = "from 25 views of targets in motion"
     files.calibration["sensors"]["top"]["clock"] = "not observable: no relative motion"
+    drift = {"value": 200.0, "sigma": 20.0}
+    wander = {"time_offset_s": {"value": 0.026, "sigma": 0.0003}, "drift_ppm": drift}
+    files.calibration["sensors"]["left"]["time_wander"] = {"s1": wander}
     files.calibration["targets"]["board"] = {
         "T_body_target": rig.pose_json(geometry.from_rpy([0.006, 0, 0], [0, 0, np.radians(1)])),
         "covariance": np.diag(SIGMA**2).tolist(),
@@ -28,6 +31,7 @@ def test_estimated_unknowns_are_told(files, undrawn):
     said = words(files.render())
     assert "robot markers in s1, in R x 30.0 ± 1.0 mm" in said
     assert "time offset of left 25.000 ± 0.2 ms, from 25 views of targets in motion" in said
+    assert "clock of left in s1 26.000 ± 0.3 ms in its middle, drift 200 ± 20 ppm" in said
     assert "time offset of top not observable: no relative motion" in said
     assert "alignment of board in its MCS body x 6.0 ± 1.0 mm" in said
     assert "yaw 1.0000 ± 0.0172 °; σ is 0.25 to 0.95 of its prior" in said

@@ -90,11 +90,10 @@ def _chance(places, seconds, sigma):
 def told(name, setup, result, guess):
     """{session: {time_offset_s, drift_ppm, each {value, sigma}}} of a sensor whose clock wanders,
     its offset in the middle of the session; None of another."""
-    found = [(h, at) for h, at in setup.spans if (h.name, h.of) == (WANDER, name)]
-    if not found or result.solution is None:
+    at = setup.span(WANDER, name)
+    if at is None or result.solution is None:
         return None
-    ((_, at),), clock = found, setup.span(clocks.CLOCK, name)
-    own = np.r_[clock, at]
+    own = np.r_[setup.span(clocks.CLOCK, name), at]
     spread = covariance(result.solution.information)[setup.chained :, setup.chained :]
     sigma, theta = setup.theta_sigma[own], result.state.theta[own]
     spread = spread[np.ix_(own, own)] * np.outer(sigma, sigma)

@@ -39,17 +39,19 @@ def _offset(sensor):
     offset, clock = sensor["time_offset_s"], sensor["clock"] or None
     if not offset:
         return clock
-    value, sigma = offset["value"] * MM, offset["sigma"] * MM
-    return f"{text.fixed(value, 3)} ± {text.number(sigma, 2)} ms, {clock}"
+    return f"{_ms(offset)}, {clock}"
+
+
+def _ms(offset):
+    """`25.123 ± 0.14 ms` of an offset, s, with its σ."""
+    return f"{text.fixed(offset['value'] * MM, 3)} ± {text.number(offset['sigma'] * MM, 2)} ms"
 
 
 def _wander(found):
     """Offset in the middle of a session and drift within it, with their σ."""
-    offset, drift = found["time_offset_s"], found["drift_ppm"]
-    return (
-        f"{text.fixed(offset['value'] * MM, 3)} ± {text.number(offset['sigma'] * MM, 2)} ms in its "
-        f"middle, drift {text.number(drift['value'], 3)} ± {text.number(drift['sigma'], 2)} ppm"
-    )
+    drift = found["drift_ppm"]
+    told = f"{text.number(drift['value'], 3)} ± {text.number(drift['sigma'], 2)} ppm"
+    return f"{_ms(found['time_offset_s'])} in its middle, drift {told}"
 
 
 def _pose(T, covariance):
