@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib import geometry, suspicion
+from calib import geometry, intrinsics, suspicion
 from calib.hypotheses import all_of
 from calib.hypotheses.of_targets import _with_edges_moved
 from calib.hypothesis import View
@@ -91,6 +91,26 @@ def test_the_derivatives_are_those_of_the_residuals_by_a_large_step():
     grown = pattern_scaled(1.001)["board"]
     slope = (view.changed(target=grown) - assigned.standard.T) / 1e-3
     np.testing.assert_allclose(squares.derivative(view)[0], slope, rtol=0.02, atol=0.1)
+
+
+def test_a_measurement_at_the_rim_of_its_gate_keeps_its_derivative():
+    """A step of a finite difference may take it across: its residual changes all the same."""
+    made = setup(0, MIXED[6:8])
+    result = solved(made, rounds=6)
+    at = [g.kind for g in made.groups].index("corner")
+    group, assigned, part = made.groups[at], result.assigned[at], result.solution.parts[at]
+    lens = intrinsics.lens("camera", made.models["camera"], 4)
+
+    def derivative(gate):
+        narrow = replace(made, associate=made.associate | {"gate_sigma": gate})
+        there = replace(assigned, gate=gate)
+        return lens.derivative(
+            View(narrow, result.state, narrow.models["camera"], group, there, part.J)
+        )
+
+    wide, rim = derivative(10.0), derivative(np.sort(assigned.size)[9] * (1 + 1e-9))
+    np.testing.assert_allclose(rim, wide, rtol=1e-9)
+    assert np.abs(wide[3, 1]).min() > 10
 
 
 def test_edges_move_outwards_by_what_is_said():

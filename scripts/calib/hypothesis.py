@@ -102,7 +102,7 @@ class View:
             setup.associate,
             state.noise[noise.of(g)],
         )
-        same = (found.feature == now.feature)[:, None]
+        same = (found.nearest == now.nearest)[:, None]
         return replace(now, value=np.where(same, found.value, now.value)).standard.T
 
 
