@@ -13,6 +13,7 @@ from calib import (
     cropping,
     estimation,
     extraction,
+    given,
     lenses,
     placements,
     rig,
@@ -26,7 +27,7 @@ from calib.stage import logger
 def assigned(name, keypoints, T_robot_sensor, places, options, shapes):
     """Columns of pairs.parquet of one sensor."""
     numbers = sorted(set(keypoints["placement"].tolist()))
-    setup = chain.Setup(
+    setup = given.Setup(
         models={name: rig.model(options["sensors"][name])},
         targets=shapes,
         placements=[places[k] for k in numbers],

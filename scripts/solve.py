@@ -15,8 +15,8 @@ from functools import partial
 import numpy as np
 
 from calib import (
-    chain,
     clocks,
+    given,
     kinds,
     lenses,
     markers,
@@ -72,7 +72,7 @@ def setup_of(sessions, mounts, options):
             rows = tables.select(pairs, pairs["sensor"] == name)
             groups += placements.groups(rows, name, index)
             start.setdefault(name, np.array(notes[name]["T_robot_sensor"]))
-    setup = chain.Setup(
+    setup = given.Setup(
         models={n: rig.model(options["sensors"][n]) for n in start},
         targets={n: targets.from_config(c) for n, c in options["targets"].items()},
         placements=places,
@@ -107,8 +107,8 @@ def with_motion(setup, args, sessions, options):
             tracked = tables.select(tracked, np.isin(tracked["target"], list(known)))
             if name in setup.models and len(tracked["view"]):
                 late = clock_guess(name, sessions)["value"]
-                given = session, name, late, paths, known, options["mocap"], len(places)
-                found = tracking.seen(tracked, *given)
+                about = session, name, late, paths, known, options["mocap"], len(places)
+                found = tracking.seen(tracked, *about)
                 places, groups = places + found[0], groups + found[1]
     seen = sorted({g.sensor for g in groups if g.moving})
     clock = [clocks.clock(n, clock_guess(n, sessions)["sigma"]) for n in seen]

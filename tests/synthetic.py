@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib import chain, estimation, geometry, rig
+from calib import estimation, geometry, given, rig
 from calib.cameras import Camera
 from calib.targets.board import Board
 from calib.targets.cylinder import Cylinder
@@ -72,10 +72,10 @@ def setup(seed, layout, world=None, mcs=1.0, noise=1.0):
         errors = geometry.se3_exp(mcs * MCS_SIGMA * rng.normal(size=(2, 6)))
         T_target_body = geometry.inverse(world.mounts.get(name, np.eye(4)))
         said = errors[0] @ T_robot_target @ T_target_body @ geometry.inverse(errors[1])
-        places.append(chain.Placement("s", name, said, np.eye(4), MCS_SIGMA))
+        places.append(given.Placement("s", name, said, np.eye(4), MCS_SIGMA))
         groups += _groups(rng, world, k, name, T_robot_target, noise)
     models = {n: m for n, m in MODELS.items() if any(g.sensor == n for g in groups)}
-    return chain.Setup(models, TARGETS, places, groups, ASSOCIATE, {})
+    return given.Setup(models, TARGETS, places, groups, ASSOCIATE, {})
 
 
 def solved(setup, rounds=30):
@@ -100,15 +100,15 @@ def _placed(rng, name, axis):
 def _groups(rng, world, k, name, T_robot_target, noise):
     target = world.targets[name]
     T = geometry.inverse(TRUE["lidar"]) @ T_robot_target
-    found = [chain.Group("lidar", k, "surface", _returns(rng, world, target, T, k, noise))]
+    found = [given.Group("lidar", k, "surface", _returns(rng, world, target, T, k, noise))]
     if name == "board":
-        found.append(chain.Group("lidar", k, "edge", _crossings(rng, target, T, k, noise)))
+        found.append(given.Group("lidar", k, "edge", _crossings(rng, target, T, k, noise)))
         T = geometry.inverse(TRUE["camera"]) @ T_robot_target
         uv, valid = world.camera.project(geometry.transform(T, target.pattern.corners()))
         assert valid.all()
         uv = uv + noise * PIXEL * rng.normal(size=uv.shape)
         index = np.arange(len(uv))
-        found.append(chain.Group("camera", k, "corner", _table("corner", k, index, PIXEL, uv)))
+        found.append(given.Group("camera", k, "corner", _table("corner", k, index, PIXEL, uv)))
     return found
 
 

@@ -8,7 +8,7 @@ places alone 21 ms.
 import numpy as np
 import pytest
 
-from calib import chain, clocks, estimation, geometry, motion, tracking
+from calib import clocks, estimation, geometry, given, motion, tracking
 from calib.cameras import Camera
 from calib.guessing import handeye
 from calib.mocap import NS, Trajectory
@@ -59,8 +59,8 @@ def setup():
         columns |= {"kind": np.full(n, "corner"), "index": np.arange(n), "uv": uv}
         columns |= {"xyz": np.full((n, 3), np.nan), "sigma": np.full(n, 0.5)}
         columns["whiten"] = np.tile([1.0, 0.0, 1.0], (n, 1))
-        groups.append(chain.Group("camera", len(places) - 1, "corner", columns, moving=True))
-    made = chain.Setup(
+        groups.append(given.Group("camera", len(places) - 1, "corner", columns, moving=True))
+    made = given.Setup(
         {"camera": CAMERA}, {"board": BOARD}, places, groups, ASSOCIATE, {},
         mounts={"board": mount.T_body_target}, corrections=(clocks.clock("camera", 0.1),),
     )  # fmt: skip

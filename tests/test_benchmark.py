@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 import benchmark
-from calib import chain, geometry, reference, targets
+from calib import geometry, given, reference, targets
 from calib.benchmark import (
     chart,
     cost,
@@ -316,7 +316,7 @@ def hand_made():
         T_sensor_target = geometry.pose(geometry.so3_exp(tilt), [2.0, 0.3 * k, 0.1])
         body = geometry.se3_exp([0.01, 0.02, 0, 0, 0.1, 0])
         T_robot_body = T @ T_sensor_target @ geometry.inverse(body)
-        places.append(chain.Placement("s", "board", T_robot_body, body, SIGMA))
+        places.append(given.Placement("s", "board", T_robot_body, body, SIGMA))
         flat = np.column_stack([rng.uniform(-0.4, 0.4, (40, 2)), np.zeros(40)])
         keypoints = {
             "xyz": geometry.transform(T_sensor_target, flat),
@@ -324,9 +324,9 @@ def hand_made():
             "view": np.zeros(40, int),
             "index": np.zeros(40, int),
         }
-        groups.append(chain.Group("lidar", k, "surface", keypoints))
+        groups.append(given.Group("lidar", k, "surface", keypoints))
     models, shapes = {"lidar": lidar}, {"board": BOARD}
-    return chain.Setup(models, shapes, places, groups, OPTIONS, {})
+    return given.Setup(models, shapes, places, groups, OPTIONS, {})
 
 
 def residuals(setup, x):
@@ -360,8 +360,8 @@ def test_the_reference_is_the_inverse_information_by_finite_differences():
 def test_four_times_the_noise_of_everything_is_four_times_the_reference():
     setup = hand_made()
     near = reference.evaluate(setup, {"lidar": T}, RANGE_SIGMA).covariance
-    louder = [chain.Placement(p.session, p.target, p.T_robot_body, p.T_body_target, 4 * SIGMA)
+    louder = [given.Placement(p.session, p.target, p.T_robot_body, p.T_body_target, 4 * SIGMA)
               for p in setup.placements]  # fmt: skip
-    setup = chain.Setup(setup.models, setup.targets, louder, setup.groups, OPTIONS, {})
+    setup = given.Setup(setup.models, setup.targets, louder, setup.groups, OPTIONS, {})
     far = reference.evaluate(setup, {"lidar": T}, 4 * RANGE_SIGMA).covariance
     assert far["lidar"] == pytest.approx(16 * near["lidar"], rel=1e-6)

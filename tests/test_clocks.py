@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib import chain, clocks, estimation, geometry, motion, refinement, wander
+from calib import chain, clocks, estimation, geometry, given, motion, refinement, wander
 from calib.information import covariance
 from calib.mocap import NS, Trajectory
 from synthetic import TRUE, setup
@@ -14,6 +14,7 @@ from synthetic import TRUE, setup
 RATE = 100  # Hz of the MCS
 START = {n: T @ geometry.se3_exp(np.full(6, 0.005)) for n, T in TRUE.items()}
 STILL = [("board", None)] * 8
+NONE = np.zeros((2, 6))
 FACTOR = 0.55  # σ of a pose between the samples over that of one of them
 
 
@@ -27,12 +28,14 @@ def swinging(seed, k, centre, seconds=1.0):
     )
 
 
-def trajectory(path, rng=None, noise=0.0, late=0.0):
-    """Samples of a path over ±0.5 s, with the noise of both bodies' poses, stamps late by s."""
+def trajectory(path, rng=None, noise=0.0, late=0.0, bias=NONE):
+    """Samples of a path over ±0.5 s, with the noise of both bodies' poses and what they are off by
+    in common (2, 6), stamps late by s."""
     t = np.arange(-RATE // 2, RATE // 2 + 1) / RATE
     T = path(t)
     if rng is not None:
         errors = noise * synthetic.MCS_SIGMA * rng.normal(size=(2, len(t), 6))
+        errors += np.reshape(bias, (2, 1, 6))
         T = geometry.se3_exp(errors[0]) @ T @ geometry.se3_exp(errors[1])
     return Trajectory(np.round((t + late) * NS).astype(np.int64), T, round(0.05 * NS))
 
@@ -86,14 +89,18 @@ def test_near_a_gap_or_an_end_nothing_is_told(gone):
 # --- the offset
 
 
-def moving(made, sensor, path, k, seed, late, session="s", begin=0.0, n=40):
-    """(Placement, Group) of a view of a board in motion; the MCS's stamps are late by s."""
+def moving(made, sensor, path, k, seed, late, session="s", begin=0.0, bias=NONE, n=40):
+    """(Placement, Group) of a view of a board in motion; the MCS's stamps are late by s, and its
+    poses of robot and board off by bias (2, 6)."""
     rng = np.random.default_rng([seed, k, 7])
     T_sensor_robot = geometry.inverse(TRUE[sensor])
     start = round(begin * NS)
-    place = chain.Placement(
-        session, "board", path(0.0), np.eye(4), FACTOR * synthetic.MCS_SIGMA,
-        moving=motion.Moving(sensor, start, trajectory(path, rng, 1.0, late + begin)),
+    place = given.Placement(
+        session, "board", path(0.0), np.eye(4), synthetic.MCS_SIGMA,
+        moving=motion.Moving(
+            sensor, start, trajectory(path, rng, 1.0, late + begin, bias),
+            FACTOR * synthetic.MCS_SIGMA,
+        ),
     )  # fmt: skip
     if sensor == "camera":
         corners = synthetic.BOARD.pattern.corners()
@@ -101,7 +108,7 @@ def moving(made, sensor, path, k, seed, late, session="s", begin=0.0, n=40):
         uv = uv + synthetic.PIXEL * rng.normal(size=uv.shape)
         columns = synthetic._table("corner", k, np.arange(len(uv)), synthetic.PIXEL, uv)
         columns["t"] = np.full(len(uv), start)
-        return place, chain.Group(sensor, k, "corner", columns, moving=True)
+        return place, given.Group(sensor, k, "corner", columns, moving=True)
     q = np.column_stack([rng.uniform(-0.45, 0.45, (10 * n, 2)), np.zeros(10 * n)])
     t = rng.integers(-15_000_000, 15_000_000, len(q))
     p = np.array(
@@ -109,23 +116,25 @@ def moving(made, sensor, path, k, seed, late, session="s", begin=0.0, n=40):
     )
     p *= 1 + (synthetic.RANGE * rng.normal(size=len(q)) / np.linalg.norm(p, axis=1))[:, None]
     columns = synthetic._table("surface", k, np.zeros(len(q), int), synthetic.RANGE, xyz=p)
-    return place, chain.Group(sensor, k, "surface", columns | {"t": t + start}, moving=True)
+    return place, given.Group(sensor, k, "surface", columns | {"t": t + start}, moving=True)
 
 
 def recorded(late, seed=0, views=25, sensors=("camera", "lidar"), later=0.0, ppm=0.0):
-    """A Setup of still placements and of views in motion, the MCS's stamps late by s.
+    """A Setup of still placements and of views in motion, the MCS's stamps late by s, its poses in
+    motion off by as much as those of a placement, alike in all views of a session.
 
     Views come every two seconds, by turns in two sessions: the stamps of the second are `later` by
     s, and in both they get later by so many millionths.
     """
     made = setup(seed, STILL)
     places, groups = list(made.placements), list(made.groups)
+    drawn = synthetic.MCS_SIGMA * np.random.default_rng([seed, 3]).normal(size=(2, 2, 6))
     for sensor in sensors:
         for j in range(views):
             centre = made.placements[j % len(STILL)].T_robot_body
             begin, session = 2.0 * (j // 2), "su"[j % 2]
             off = late + (session == "u") * later + 1e-6 * ppm * (begin - (views - 1) // 2)
-            seen = swinging(seed, j, centre), len(places), seed, off, session, begin
+            seen = swinging(seed, j, centre), len(places), seed, off, session, begin, drawn[j % 2]
             place, group = moving(made, sensor, *seen)
             places.append(place)
             groups.append(group)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib import chain, estimation, geometry, observability, placements, rig, solution
+from calib import chain, estimation, geometry, given, observability, placements, rig, solution
 from calib.cameras import Camera
 from calib.information import covariance
 from calib.targets.board import Board
@@ -95,18 +95,18 @@ def made(seed, layout, pixel=0.0, range_=0.0, mcs=0.0):
         robot, body = geometry.se3_exp(error)
         # What the MCS says: both true poses with their errors taken off.
         said = robot @ T @ geometry.inverse(body)
-        places.append(chain.Placement("s", name, said, np.eye(4), MCS_SIGMA))
+        places.append(given.Placement("s", name, said, np.eye(4), MCS_SIGMA))
         sensors = ["lidar", "camera"] if name == "board" else ["lidar"]
         for sensor in sensors:
             T_sensor = geometry.inverse(TRUE[sensor]) @ T
             if sensor == "camera":
-                groups.append(chain.Group("camera", k, "corner", corners(rng, T_sensor, k, pixel)))
+                groups.append(given.Group("camera", k, "corner", corners(rng, T_sensor, k, pixel)))
             else:
                 found = returns(rng, name, T_sensor, k, range_)
-                groups.append(chain.Group("lidar", k, "surface", found))
+                groups.append(given.Group("lidar", k, "surface", found))
     models = {"camera": CAMERA, "lidar": LIDAR}
     models = {n: m for n, m in models.items() if any(g.sensor == n for g in groups)}
-    return chain.Setup(models, TARGETS, places, groups, ASSOCIATE, {})
+    return given.Setup(models, TARGETS, places, groups, ASSOCIATE, {})
 
 
 def settled(setup, off=0.01):
@@ -253,7 +253,7 @@ def test_the_results_carry_the_covariance_of_the_estimate_in_its_own_order():
 
 
 def test_nothing_to_solve_is_a_result_without_a_solution():
-    setup = chain.Setup({}, TARGETS, [], [], ASSOCIATE, {})
+    setup = given.Setup({}, TARGETS, [], [], ASSOCIATE, {})
     result = estimation.estimate(setup, {}, 30, 1e-8, 1e-8, 10.0)
     assert result.solution is None and not result.settled
     assert len(solution.residuals(setup, result)["sensor"]) == 0
@@ -262,7 +262,7 @@ def test_nothing_to_solve_is_a_result_without_a_solution():
 def test_a_prior_holds_what_the_data_leave_open():
     setup = made(3, [("cylinder", [0, 0, 1])] * 5, range_=0.01)
     sigma = np.full(6, 0.01)
-    held = chain.Setup(**vars(setup) | {"prior": {"lidar": (TRUE["lidar"], sigma)}})
+    held = given.Setup(**vars(setup) | {"prior": {"lidar": (TRUE["lidar"], sigma)}})
     result = estimation.estimate(held, {"lidar": TRUE["lidar"]}, 30, 1e-8, 1e-8, 10.0)
     assert np.abs(error(result, "lidar")).max() < 0.01
 

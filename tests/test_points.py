@@ -11,7 +11,18 @@ import yaml
 from scipy.spatial import cKDTree
 
 import solve
-from calib import chain, config, estimation, geometry, kinds, limbs, registration, rig, targets
+from calib import (
+    chain,
+    config,
+    estimation,
+    geometry,
+    given,
+    kinds,
+    limbs,
+    registration,
+    rig,
+    targets,
+)
 from calib.cameras import Camera
 from calib.extraction import camera as extract_camera
 from calib.extraction import job
@@ -332,7 +343,7 @@ def extracted(q, keypoints, error=(0,) * 6, min_points=20):
     views = {"view": [0], "t": [0], "target": ["board"], "placement": [0]}
     views |= {"dt": [np.zeros(n, int)], "ring": [np.zeros(n, int)]}
     target = replace(BOARD, points=replace(BOARD.points, keypoints=keypoints))
-    place = chain.Placement("s", "board", T_BOARD, np.eye(4), np.zeros(6))
+    place = given.Placement("s", "board", T_BOARD, np.eye(4), np.zeros(6))
     options = {"min_points": min_points}
     T_guess = T_BOARD @ geometry.inverse(T_BOARD @ geometry.se3_exp(error))
     parts = ("lidar", LIDAR, {"board": target}, {0: place}, T_guess, None, None, options, {}, {})
@@ -377,7 +388,7 @@ def test_all_of_a_contour_is_measured_where_a_target_is_compared_by_points():
     found = {}
     for target in (CYLINDER, replace(CYLINDER, points=None)):
         target = replace(target, color=limbs.Color.from_config(color))
-        place = chain.Placement("s", "rod", T, np.eye(4), np.zeros(6))
+        place = given.Placement("s", "rod", T, np.eye(4), np.zeros(6))
         parts = ("camera", PINHOLE, {"rod": target}, {0: place}, np.eye(4), None, None, {}, {}, {})
         views = {"view": [0], "t": [0], "target": ["rod"], "placement": [0], "u0": [0], "v0": [0]}
         columns, status = extract_camera.contour(job.Job(*parts), views, 0, image)
@@ -605,7 +616,7 @@ def setup(kind, layout, shapes, sigma, mcs=0.0):
     for k, (name, T) in enumerate(layout):
         robot, body = geometry.se3_exp(mcs * MCS_SIGMA * rng.normal(size=(2, 6)))
         said = robot @ T @ geometry.inverse(body)
-        places.append(chain.Placement("s", name, said, np.eye(4), sigma))
+        places.append(given.Placement("s", name, said, np.eye(4), sigma))
         T_lidar_target = geometry.inverse(TRUE) @ T
         if kind == "vertex":
             q = shapes[name].outline_points()
@@ -616,8 +627,8 @@ def setup(kind, layout, shapes, sigma, mcs=0.0):
             turn = geometry.so3_exp([np.arctan2(towards[2], towards[1]), 0, 0])
             q = side(200, 1.2, seed=k) @ turn.T
         columns = keypoint_columns(kind, k, geometry.transform(T_lidar_target, q))
-        groups.append(chain.Group("lidar", k, kind, columns))
-    return chain.Setup({"lidar": LIDAR}, shapes, places, groups, GATE, {})
+        groups.append(given.Group("lidar", k, kind, columns))
+    return given.Setup({"lidar": LIDAR}, shapes, places, groups, GATE, {})
 
 
 def boards():
@@ -676,8 +687,8 @@ def assigned(feature):
 
 @pytest.mark.parametrize("kind, changed", [("point", 2), ("silhouette", 2), ("corner", 3)])
 def test_a_new_nearest_point_is_no_change_but_coming_and_going_is(kind, changed):
-    groups = [chain.Group("s", 0, kind, {})]
-    one = chain.Setup({}, {}, [], groups, {}, {})
+    groups = [given.Group("s", 0, kind, {})]
+    one = given.Setup({}, {}, [], groups, {}, {})
     before, after = [assigned([4, 5, -1, 7])], [assigned([4, 6, 3, -1])]
     assert estimation.changes(one, before, after) == changed
 
@@ -687,8 +698,8 @@ def test_a_new_nearest_point_is_no_change_but_coming_and_going_is(kind, changed)
     [(["surface"], 1e-8), (["surface", "point"], 1e-5)],
 )
 def test_the_estimate_settles_sooner_where_anything_is_compared_by_nearest_points(names, expected):
-    groups = [chain.Group("s", 0, kind, {}) for kind in names]
-    found = solve.limits(chain.Setup({}, {}, [], groups, {}, {}), SOLVE)
+    groups = [given.Group("s", 0, kind, {}) for kind in names]
+    found = solve.limits(given.Setup({}, {}, [], groups, {}, {}), SOLVE)
     steps = {"tolerance_m": expected, "tolerance_rad": expected}
     assert found == {"max_rounds": 100, "noise": 10.0, **steps}
 

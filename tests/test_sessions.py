@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib import chain, estimation, geometry, sessions
+from calib import estimation, geometry, given, sessions
 from synthetic import World, setup
 
 LAYOUT = [("board", None)] * 8
@@ -27,7 +27,7 @@ def recorded(moved=(), seeds=(0, 1)):
     for session, made in parts:
         groups += [replace(g, placement=g.placement + len(places)) for g in made.groups]
         places += [replace(p, session=session) for p in made.placements]
-    return chain.Setup(made.models, made.targets, places, groups, made.associate, {})
+    return given.Setup(made.models, made.targets, places, groups, made.associate, {})
 
 
 def told(made):

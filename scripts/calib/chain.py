@@ -1,7 +1,6 @@
-"""What is estimated from and what is estimated, and the chain of poses between them; equation 1."""
+"""What is estimated, and the chain of poses between sensors and targets; paper equation 1."""
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -12,131 +11,10 @@ from calib.problem import Poses
 MARKERS = "markers"  # name of the correction that is where a session's MCS body of the robot sits
 
 
-@dataclass(frozen=True)
-class Placement:
-    """A still target: mean T_robot_body (4, 4) and the σ (6,) of the two poses it came from; or, of
-    a target in motion, what is known of one view of it (motion.Moving) and T_robot_body there.
-
-    rest: number of the robot's rest in the session; targets that are still at the same time share
-    it, and with it the error of the robot's pose. None: nobody shares it.
-    """
-
-    session: str
-    target: str
-    T_robot_body: np.ndarray
-    T_body_target: np.ndarray
-    sigma: np.ndarray
-    rest: int | None = None
-    moving: object = None
-
-
-@dataclass(frozen=True)
-class Group:
-    """Keypoints (columns) of one kind by one sensor in one placement, or in one view of a target in
-    motion."""
-
-    sensor: str
-    placement: int
-    kind: str
-    keypoints: dict = field(repr=False)
-    moving: bool = False
-
-
-@dataclass(frozen=True)
-class Setup:
-    """What is being estimated from: sensors and targets by name, placements, those in motion after
-    all others, and groups of keypoints.
-
-    models: name -> Camera or rig.Lidar; prior: name -> (T (4, 4), sigma (6,)), for a sensor
-    whose pose is known beforehand; mounts: name -> T_body_target (4, 4) to start from, of the
-    targets whose place in their body is estimated too; alignment: name -> σ (6,) of where it is
-    said to be, for those that have a say; corrections: Hypothesis objects whose numbers θ are
-    estimated; lenses: name -> how many parameters of a camera may be, or why they are not.
-
-    The unknowns are twists of the sensors and of those mounts, by name, then the errors of the MCS
-    poses of the robot at its rests and of the body in every placement, then θ, both in units of
-    their σ. Of a view in motion the error is its own and is eliminated (parts.Part).
-    """
-
-    models: dict
-    targets: dict
-    placements: list
-    groups: list
-    associate: dict
-    prior: dict
-    mounts: dict = field(default_factory=dict)
-    alignment: dict = field(default_factory=dict)
-    corrections: tuple = ()
-    lenses: dict = field(default_factory=dict)
-
-    @cached_property
-    def robots(self):
-        """(k,) index of the robot's rest of every placement."""
-        own = [
-            (p.session, -1 - i if p.rest is None else p.rest)
-            for i, p in enumerate(self.placements[: self.still])
-        ]
-        numbers = {rest: i for i, rest in enumerate(sorted(set(own)))}
-        return np.array([numbers[rest] for rest in own], int)
-
-    @cached_property
-    def sigma(self):
-        """(r + k, 6) σ of the MCS poses: of the robot's rests, then of the bodies."""
-        body = np.reshape([p.sigma for p in self.placements[: self.still]], (-1, 6))
-        robot = np.zeros((self.n_robots, 6))
-        np.maximum.at(robot, self.robots, body)
-        return np.concatenate([robot, body])
-
-    @cached_property
-    def still(self):
-        """How many of the placements are no views in motion."""
-        return sum(p.moving is None for p in self.placements)
-
-    @property
-    def n_robots(self):
-        return int(self.robots.max(initial=-1)) + 1
-
-    @property
-    def poses(self):
-        """Index of the first unknown of the MCS poses."""
-        return 6 * (len(self.models) + len(self.mounts))
-
-    @property
-    def chained(self):
-        """How many unknowns the chains of poses have: all but θ."""
-        return self.poses + self.sigma.size
-
-    @property
-    def n(self):
-        """How many unknowns there are."""
-        return self.chained + sum(h.size for h in self.corrections)
-
-    @cached_property
-    def theta_sigma(self):
-        """(p,) σ of the priors of θ."""
-        return np.concatenate([np.zeros(0), *(h.sigma for h in self.corrections)])
-
-    def numbers(self, group):
-        """Which of θ (q,) the residuals of a group may depend on."""
-        own = [np.arange(self.n)[at] for h, at in self.spans if h.touches(self, group)]
-        return np.concatenate([np.zeros(0, int), *own])
-
-    @cached_property
-    def spans(self):
-        """[(Hypothesis, slice of θ)] of the corrections."""
-        ends = np.cumsum([0] + [h.size for h in self.corrections]).tolist()
-        slices = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
-        return list(zip(self.corrections, slices, strict=True))
-
-    def span(self, name, of):
-        """The slice of θ of the correction of that name, or None where there is none."""
-        return next((at for h, at in self.spans if (h.name, h.of) == (name, of)), None)
-
-
 @dataclass
 class State:
-    """Current estimate: poses by sensor, mounts by target, MCS errors (r + k, 6) in units of σ,
-    Noise by (sensor, kind), factor on the σ of the MCS, numbers θ (p,) of the corrections, SI, and
+    """Current estimate: poses by sensor, mounts by target, MCS errors (r, 6) in units of σ, Noise
+    by (sensor, kind), factor on the σ of the MCS, numbers θ (p,) of the corrections, SI, and
     errors (m, 6) of the poses of views in motion, right perturbations of T_sensor_target, and their
     motion.Fit at the present offsets."""
 
@@ -176,7 +54,7 @@ def carried(setup, before, factor):
     return replace(
         new,
         mounts=new.mounts | {n: state.mounts[n] for n in setup.mounts if n in state.mounts},
-        y=state.y,
+        y=np.concatenate([state.y, new.y[len(state.y) :]]),
         noise=new.noise | {k: v for k, v in state.noise.items() if k in new.noise},
         mocap=state.mocap,
         theta=theta,
@@ -233,11 +111,9 @@ def T_body_target(setup, state, k):
 def T_robot_target(setup, state, k):
     """T_robot_target (4, 4) in placement k with the current MCS errors; equation 1."""
     T = T_robot_body(setup, state, k)
-    if k < setup.still:
-        at = [setup.robots[k], setup.n_robots + k]
-        robot, body = geometry.se3_exp(state.mocap * setup.sigma[at] * state.y[at])
-        T = geometry.inverse(robot) @ T @ body
-    return T @ T_body_target(setup, state, k)
+    at = [setup.robots[k], setup.bodies[k]]
+    robot, body = geometry.se3_exp(state.mocap * setup.sigma[at] * state.y[at])
+    return geometry.inverse(robot) @ T @ body @ T_body_target(setup, state, k)
 
 
 def T_sensor_target(setup, state, sensor, k):
@@ -257,12 +133,12 @@ def frozen(setup, state, group):
 
 
 def spread(setup, state, group):
-    """(6, 6) covariance of the MCS's error in a view in motion, about the right perturbation of
-    T_sensor_target; None of a placement, whose error is among the unknowns."""
+    """(6, 6) covariance of what the MCS errs by in one view in motion alone, about the right
+    perturbation of T_sensor_target; None of a placement, all of whose errors are unknowns."""
     place = setup.placements[group.placement]
     if place.moving is None:
         return None
-    S = np.diag((state.mocap * place.sigma) ** 2)
+    S = np.diag((state.mocap * place.moving.sigma) ** 2)
     to_body = geometry.adjoint(geometry.inverse(T_robot_body(setup, state, group.placement)))
     to_target = geometry.adjoint(
         geometry.inverse(state.mounts.get(place.target, place.T_body_target))
@@ -277,11 +153,8 @@ def columns(setup, group):
     target = setup.placements[group.placement].target
     starts = [6 * sensors.index(group.sensor)]
     starts += [6 * (len(sensors) + mounts.index(target))] if target in mounts else [None]
-    if group.placement < setup.still:
-        poses = setup.robots[group.placement], setup.n_robots + group.placement
-        starts += [setup.poses + 6 * i for i in poses]
-    else:
-        starts += [None, None]
+    poses = setup.robots[group.placement], setup.bodies[group.placement]
+    starts += [setup.poses + 6 * i for i in poses]
     six = np.arange(6)
     return np.concatenate([np.full(6, setup.chained) if s is None else s + six for s in starts])
 

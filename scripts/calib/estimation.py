@@ -173,9 +173,10 @@ def mocap_factor(setup, state, posterior):
     """
     still = setup.placements[: setup.still]
     exact = np.array([setup.targets[p.target].points is None for p in still], bool)
-    counts = np.ones(len(setup.sigma), bool)
-    counts[setup.robots[~exact]] = False
-    counts[setup.n_robots :] = exact
+    counts = np.zeros(len(setup.sigma), bool)
+    counts[setup.robots[: setup.still]] = counts[setup.bodies[: setup.still]] = True
+    counts[setup.robots[: setup.still][~exact]] = False
+    counts[setup.bodies[: setup.still][~exact]] = False
     known = 1 - np.diag(posterior)[setup.poses : setup.chained].reshape(-1, 6)
     return noise.of_mocap(state.y[counts], known[counts], state.mocap)
 

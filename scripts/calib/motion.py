@@ -61,11 +61,13 @@ def fit(trajectory, t):
 
 @dataclass(frozen=True)
 class Moving:
-    """What a sensor saw at t, ns, of a body of which a Trajectory of T_robot_body is known."""
+    """What a sensor saw at t, ns, of a body of which a Trajectory of T_robot_body is known, and the
+    σ (6,) of what each of the two poses behind that errs by in this view alone."""
 
     sensor: str
     t: int
     trajectory: object
+    sigma: np.ndarray
 
     def at(self, offset):
         """The Fit at t on the clock of the MCS, the sensor's being late by an offset, s. Where the

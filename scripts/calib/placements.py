@@ -3,7 +3,7 @@
 import numpy as np
 
 from calib import geometry, rig, tables
-from calib.chain import Group, Placement
+from calib.given import Group, Placement
 
 HELD = 1e-3  # of the σ of the MCS
 

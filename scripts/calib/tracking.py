@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib import chain, geometry, mocap, motion, rig, tables, views
+from calib import geometry, given, mocap, motion, rig, tables, views
 from calib.mocap import NS
 
 CONSIDERED = 400  # views of one target at most that are looked at more closely
@@ -51,15 +51,16 @@ def _of_use(velocity):
 
 
 def placement(session, target, sensor, t, path, T_body_target, mocap_noise):
-    """The chain.Placement of a view of a target in motion at t, ns, on the clock of the MCS; None
+    """The given.Placement of a view of a target in motion at t, ns, on the clock of the MCS; None
     where that has a gap. mocap_noise: block with pose_sigma and pose_bias_sigma."""
     there = motion.fit(path, t)
     if there is None:
         return None
     white, bias = (rig.pose_sigma(mocap_noise[k]) for k in ("pose_sigma", "pose_bias_sigma"))
-    sigma = np.hypot(there.factor * white, bias)
-    seen = motion.Moving(sensor, t, path)
-    return chain.Placement(session, target, there.T, T_body_target, sigma, moving=seen)
+    # What the MCS errs by beside noise is neither the same in all places nor new in each: once over
+    # for all views, so that many tell of poses no more than one placement, and once for each.
+    seen = motion.Moving(sensor, t, path, np.hypot(there.factor * white, bias))
+    return given.Placement(session, target, there.T, T_body_target, bias, moving=seen)
 
 
 def seen(keypoints, session, sensor, offset, paths, T_body_target, mocap_noise, first):
@@ -80,6 +81,6 @@ def seen(keypoints, session, sensor, offset, paths, T_body_target, mocap_noise, 
         known = T_body_target[target], mocap_noise
         place = placement(session, target, sensor, t, paths[target], *known)
         if place is not None:
-            groups.append(chain.Group(sensor, first + len(places), kind, columns, moving=True))
+            groups.append(given.Group(sensor, first + len(places), kind, columns, moving=True))
             places.append(place)
     return places, groups

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib import chain, estimation, geometry, placements, tables
+from calib import estimation, geometry, given, placements, tables
 from calib import views as windows
 from calib.status import OK, failed
 
@@ -106,7 +106,7 @@ def working_pose(job, keypoints, T_robot_sensor, associate, noise):
     keypoints = thinned(keypoints)
     used = sorted(set(keypoints["placement"].tolist()))
     index = {number: i for i, number in enumerate(used)}
-    setup = chain.Setup(
+    setup = given.Setup(
         models={job.name: job.model},
         targets=job.targets,
         placements=[job.places[number] for number in used],
