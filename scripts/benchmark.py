@@ -16,7 +16,7 @@ from pathlib import Path
 
 import yaml
 
-from calib.benchmark import chart, collect, cost, many, measure, page, plan, rows, statistics
+from calib.benchmark import chart, collect, cost, lab, many, measure, page, plan, rows, statistics
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -110,6 +110,34 @@ def full_runs(logs, run, count, cores):
     snakemake(run, [f"results/{name}/calibration.json" for name in names], cores)
     found = collect.full_runs(run, logs, names)
     return {sensor: statistics.of_runs(draws) for sensor, draws in found.items()}
+
+
+def lab_runs(work, quick, args):
+    """{(fault, on): [lab.Outcome]} of logs with what labs get wrong, options on and off."""
+    faults, seeds = (lab.QUICK, (1,)) if quick else (tuple(lab.FAULTS), (1, 2, 3))
+    commands = lab.simulations(faults, seeds)
+    tasks = [(fault, on, seed) for fault in faults for on in (True, False) for seed in seeds]
+    with ThreadPoolExecutor(args.cores) as pool:
+        folders = [work / name for name in commands]
+        list(pool.map(simulate, folders, commands.values(), [args.keep_logs] * len(folders)))
+        found = list(pool.map(lambda task: lab_run(work, *task), tasks))
+    out = {}
+    for (fault, on, _), outcome in zip(tasks, found, strict=True):
+        out.setdefault((fault, on), []).append(outcome)
+    return out
+
+
+def lab_run(work, fault, on, seed):
+    """The lab.Outcome of one log."""
+    log = work / lab.folder(fault, seed)
+    run = work / ("on" if on else "off") / log.name
+    shutil.copytree(log / "config", run / "config", dirs_exist_ok=True)
+    session = {"rig": "sim", "log": str(collect.log_file(log))}
+    settings = {"sessions": {"sim": session}, "solve": {"estimate": lab.estimate(fault, on)}}
+    rig = lab.stated(fault, collect.simulated(log, "rigs/*"))
+    write_files(run, {"config.yaml": settings, "rigs/sim.yaml": rig})
+    snakemake(run, ["results/sim/verdict.json"], 1)
+    return lab.outcome(run / "results" / "sim", log)
 
 
 def measured(work, cases, placements, draws, args):

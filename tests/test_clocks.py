@@ -186,17 +186,18 @@ def test_of_many_draws_offsets_and_poses_err_by_their_sigma():
 LIMITS = {"max_rounds": 40, "tolerance_m": 1e-7, "tolerance_rad": 1e-7, "noise": 30.0}
 
 
-def refined(made):
-    """(Setup, Result) with the views in motion added to the still placements, as solve does."""
+def refined(made, wanted=None):
+    """(Setup, Result, suspicions) with the views in motion added to the still placements, as solve
+    does."""
     still = made.placements[: made.still]
     groups = [g for g in made.groups if not g.moving]
     bare = replace(made, placements=still, groups=groups, corrections=())
     moving = lambda setup: replace(made, mounts=setup.mounts)  # noqa: E731
-    return refinement.estimate(bare, START, {}, moving, **LIMITS)[:2]
+    return refinement.estimate(bare, START, wanted or {}, moving, **LIMITS)
 
 
 def test_clocks_that_wander_are_found_with_drift_and_offset_of_every_session():
-    made, result = refined(recorded(0.02, views=40, later=0.004, ppm=300.0))
+    made, result, _ = refined(recorded(0.02, views=40, later=0.004, ppm=300.0))
     assert result.settled
     seen = [a for g, a in zip(made.groups, result.assigned, strict=True) if g.moving]
     assert np.mean(np.concatenate([a.feature >= 0 for a in seen])) > 0.95
@@ -215,15 +216,35 @@ def test_clocks_that_keep_time_are_not_said_to_wander():
     """20 draws, each with two clocks: none is taken for one that wanders."""
     for seed in range(20):
         made = recorded(0.02, seed, views=12)
-        setup, result = refined(made)
+        setup, result, _ = refined(made)
         assert result.settled
         assert all(wander.told(n, setup, result, None) is None for n in ("camera", "lidar"))
+
+
+def test_a_clock_that_is_not_to_be_estimated_is_doubted_and_moves_no_pose():
+    """25 ms off, and not off, beside the estimate without a view in motion."""
+    bare = recorded(0.0, views=0)
+    alone = solved(replace(bare, corrections=()))
+    for late in (0.025, 0.0):
+        made, result, suspected = refined(recorded(late), {"time_offset": False})
+        assert not any(g.moving for g in made.groups) and made.corrections == ()
+        clock = {s["of"]: s for s in suspected if s["name"] == "time_offset"}
+        assert sorted(clock) == ["camera", "lidar"]
+        for name, about in clock.items():
+            T = (
+                geometry.inverse(alone.state.T_robot_sensor[name])
+                @ result.state.T_robot_sensor[name]
+            )
+            assert np.abs(geometry.se3_log(T)).max() < 1e-9
+            assert abs(about["estimate"][0] - late) < 3.5 * about["sigma"][0] < 2.5e-3
+            assert (about["chance"] < 1e-5) == (late > 0)
+    assert clock["camera"]["text"].startswith("the stamps of camera are ")
 
 
 def test_views_added_to_a_settled_estimate_end_where_they_would_from_the_start():
     made = recorded(0.02, views=12)
     alone = solved(made)
-    _, result = refined(made)
+    _, result, _ = refined(made)
     spread = np.sqrt(np.diag(covariance(alone.solution.information)))
     for i, name in enumerate(("camera", "lidar")):
         T = geometry.inverse(alone.state.T_robot_sensor[name]) @ result.state.T_robot_sensor[name]

@@ -5,8 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 import simulate
-import solve
-from calib import chain, config, estimation, geometry, reference
+from calib import assembly, chain, config, estimation, geometry, reference
 from calib.benchmark import coverage, draws, measure, observations, recordings, statistics
 
 SEEN = ("velodyne", "camera")
@@ -26,7 +25,7 @@ def exactly(case):
     """The Setup of a Geometry without any noise."""
     notes = {n: {"T_robot_sensor": T} for n, T in case.truth.items()}
     sessions = {k: (pairs, notes, case.places[k]) for k, pairs in case.pairs.items()}
-    return solve.setup_of(sessions, {}, case.options)[0]
+    return assembly.setup_of(sessions, {}, case.options)[0]
 
 
 def test_exact_measurements_leave_no_residual_at_the_truth():

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from calib import config, geometry, solution, suspicion, verdict
+from calib import config, findings, geometry, solution, suspicion, verdict
 from synthetic import World, outline_scaled, pattern_scaled, setup, solved, zoomed
 
 LIMITS = config.complete("config", {"sessions": {"s": {"rig": "r", "log": "x"}}}, "x")["judge"]
@@ -169,6 +169,19 @@ def test_a_suspicion_that_moves_nothing_is_not_told(clean):
     assert found[0]["text"] == "probably so: mending it would move camera by 30 mm and 0°"
 
 
+@pytest.mark.parametrize(("ms", "chance", "warned"), [(25, 1e-9, 1), (3, 1e-9, 0), (25, 1e-3, 0)])
+def test_a_clock_that_is_off_and_not_to_be_estimated_is_warned_of(clean, ms, chance, warned):
+    still = {n: {"m": 0.0, "rad": 0.0, "sigmas": 0.0} for n in ("camera", "lidar")}
+    about = {"name": "time_offset", "of": "camera", "text": "the stamps of camera are early"}
+    about |= {"remedy": "write it", "estimate": [ms / 1e3], "chance": chance, "shift": still}
+    _, found, levels = told(clean, lambda s: s["suspicions"].append(about))
+    assert levels["camera"] == ("warn" if warned else "pass")
+    if warned:
+        ((check, value, text),) = [(f["check"], f["value"], f["text"]) for f in found]
+        assert (check, value) == ("offset_s", 0.025)
+        assert "the stamps of camera are early, and solve.estimate.time_offset is false" in text
+
+
 def test_a_sensor_without_a_pose_fails_with_its_own_remedy(clean):
     status = {"ok": False, "reason": "no view", "found": "", "expected": "", "remedy": "look"}
     level, found, _ = told(
@@ -179,7 +192,7 @@ def test_a_sensor_without_a_pose_fails_with_its_own_remedy(clean):
 
 
 def test_a_value_that_is_no_number_fails():
-    assert verdict.level(float("nan"), LIMITS, "sigma_m") == "fail"
+    assert findings.level(float("nan"), LIMITS, "sigma_m") == "fail"
 
 
 def moved(shift, prior=0.002, held=()):

@@ -10,8 +10,8 @@ import pytest
 import yaml
 from scipy.spatial import cKDTree
 
-import solve
 from calib import (
+    assembly,
     chain,
     config,
     estimation,
@@ -649,7 +649,7 @@ SOLVE |= {"points_tolerance_m": 1e-5, "points_tolerance_rad": 1e-5}
 def estimated(problem):
     """The Result by the options of the solve stage from a start that is off by 2 cm and 3°."""
     start = {"lidar": TRUE @ OFF}
-    return estimation.estimate(problem, start, **solve.limits(problem, SOLVE))
+    return estimation.estimate(problem, start, **assembly.limits(problem, SOLVE))
 
 
 def test_the_estimate_by_nearest_points_comes_within_1_mm_and_0_1_deg():
@@ -699,7 +699,7 @@ def test_a_new_nearest_point_is_no_change_but_coming_and_going_is(kind, changed)
 )
 def test_the_estimate_settles_sooner_where_anything_is_compared_by_nearest_points(names, expected):
     groups = [given.Group("s", 0, kind, {}) for kind in names]
-    found = solve.limits(given.Setup({}, {}, [], groups, {}, {}), SOLVE)
+    found = assembly.limits(given.Setup({}, {}, [], groups, {}, {}), SOLVE)
     steps = {"tolerance_m": expected, "tolerance_rad": expected}
     assert found == {"max_rounds": 100, "noise": 10.0, **steps}
 

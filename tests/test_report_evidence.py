@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib import config, geometry, rig, verdict
+from calib import config, findings, geometry, rig, verdict
 from calib.report import (
     residuals,
     summary,
@@ -65,7 +65,7 @@ def test_levels_agree_with_the_judge():
 @pytest.mark.parametrize("large_is_bad", [True, False])
 def test_a_value_that_is_no_number_fails_for_judge_and_report_alike(large_is_bad):
     key = "sigma_m" if large_is_bad else "placements"
-    assert verdict.level(np.nan, LIMITS, key, large_is_bad) == "fail"
+    assert findings.level(np.nan, LIMITS, key, large_is_bad) == "fail"
     assert summary._level(np.nan, LIMITS, key, large_is_bad) == "fail"
 
 

@@ -146,8 +146,7 @@ def guess_options(w):
 def crop_options(w):
     session = SESSIONS[w.session]
     targets = {t: TARGETS[t] for t in session["targets"]}
-    crop = CONFIG["crop"] | ({} if clocks_wanted(w) else {"max_moving": 0})
-    more = {"crop": crop, "body": RIGS[w.rig]["body"], "max_gap_s": max_gap(w)}
+    more = {"body": RIGS[w.rig]["body"], "max_gap_s": max_gap(w)}
     return sensor_options("crop", w, targets=targets, log=session["log"], **more)
 
 

@@ -1,6 +1,7 @@
 """A sensor's clock against that of the MCS: t_mcs = stamp + offset."""
 
 import numpy as np
+from scipy import stats
 
 from calib import chain, geometry
 from calib.hypothesis import Hypothesis
@@ -28,6 +29,36 @@ def by_offset(view):
     eta = geometry.adjoint(geometry.inverse(T_body_target)) @ there.velocity
     ahead = view.changed(T_sensor_target=view.T_sensor_target @ geometry.se3_exp(SECOND * eta))
     return (ahead - view.assigned.standard.T)[None] / SECOND
+
+
+def doubts(setup, result):
+    """As suspicion.suspicions, of every sensor with views in motion: its clock, not to be
+    estimated, is off. Mending it moves no pose: that is told by still placements."""
+    spread = np.diag(covariance(result.solution.information))[setup.chained :]
+    out = []
+    for h, at in setup.spans:
+        if h.name != CLOCK:
+            continue
+        (late,), (sigma,) = result.state.theta[at], np.sqrt(spread[at]) * setup.theta_sigma[at]
+        gain = float((late / sigma) ** 2 / 2)
+        out.append(
+            {
+                "name": CLOCK,
+                "of": h.of,
+                "text": f"the stamps of {h.of} are {1e3 * abs(late):.3g} ± {1e3 * sigma:.2g} ms "
+                f"{'early' if late > 0 else 'late'} against those of the motion capture",
+                "remedy": f"write sensors.{h.of}.time_offset_s {1e3 * late:+.3g} ms farther, or "
+                "solve.estimate.time_offset: auto",
+                "estimate": [float(late)],
+                "sigma": [float(sigma)],
+                "gain": gain,
+                "chance": float(stats.chi2.sf(2 * gain, 1)),
+                "explained": {},
+                "shift": {n: {"m": 0.0, "rad": 0.0, "sigmas": 0.0} for n in setup.models},
+                "rivals": [],
+            }
+        )
+    return out
 
 
 def told(name, setup, result, guess):

@@ -4,7 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib import considered, crossvalidation, estimation, hypotheses, intrinsics, suspicion, wander
+from calib import (
+    clocks,
+    considered,
+    crossvalidation,
+    estimation,
+    hypotheses,
+    intrinsics,
+    suspicion,
+    wander,
+)
 from calib.information import covariance
 
 SURE = 1e-5  # chance of so good an explanation where nothing is wrong, below which it is taken in
@@ -25,7 +34,8 @@ def estimate(setup, T_robot_sensor, wanted, moving=None, **limits):
     estimated only where that makes placements left out agree better with the others.
 
     moving: Setup -> the one with views of targets in motion too. They tell clocks, and little of
-    all else: they come in when that is settled.
+    all else: they come in when that is settled. Where clocks are not to be estimated, they only
+    say whether that may be.
     """
     setup = _from_the_start(setup, wanted)
     result = estimation.estimate(setup, T_robot_sensor, **limits)
@@ -35,9 +45,13 @@ def estimate(setup, T_robot_sensor, wanted, moving=None, **limits):
         setup = replace(setup, corrections=tuple(kept), lenses=setup.lenses | refused)
         result = estimation.estimate(setup, T_robot_sensor, **limits)
     setup, result, suspected = _asked_for(setup, result, wanted, limits)
-    if moving is None or not (wider := moving(setup)).groups:
+    if moving is None or not result.solution or (wider := moving(setup)) is setup:
         return setup, considered.widened(setup, result), suspected
-    result = estimation.resume(wider, (setup, result), **limits)
+    with_clocks = estimation.resume(wider, (setup, result), **limits)
+    if wanted.get("time_offset") is False:
+        doubts = clocks.doubts(wider, with_clocks)
+        return setup, considered.widened(setup, result), suspected + doubts
+    result = with_clocks
     setup = wander.allowed(wider, result)
     if setup is not wider:
         result = estimation.resume(setup, (wider, result), **limits)

@@ -8,8 +8,7 @@ import json
 import numpy as np
 import yaml
 
-import solve
-from calib import config, geometry, kinds, placements, reference, tables
+from calib import assembly, config, geometry, kinds, placements, reference, tables
 from calib.benchmark import cost, measure, plan, rows
 from calib.benchmark.statistics import Draw
 
@@ -74,7 +73,7 @@ def reference_of(run, case, known, loaded):
     }
     noise = mocap_noise(known["arguments"])
     places = placements.still(table, case.name, options["targets"], noise)
-    setup, _ = solve.setup_of({case.name: (pairs, notes, places)}, {}, options)
+    setup, _ = assembly.setup_of({case.name: (pairs, notes, places)}, {}, options)
     true = {name: np.array(known["sensors"][name]["T_robot_sensor"]["matrix"])}
     found = reference.evaluate(setup, true, known["arguments"]["range_noise_m"])
     pixels = [s for (_, kind), s in found.sigma.items() if kinds.KINDS[kind].UNIT == "px"]

@@ -11,8 +11,7 @@ import numpy as np
 from scipy.stats import chi2
 
 import simulate
-import solve
-from calib import config, estimation, geometry, placements, targets
+from calib import assembly, config, estimation, geometry, placements, targets
 from calib.benchmark import observations
 from calib.benchmark.statistics import LEVEL, Draw, squared
 from calib.information import covariance
@@ -115,7 +114,7 @@ def draw(case, seed):
         name: (noisy(columns, case, rng), notes, shaken(case.places[name], rng))
         for name, columns in case.pairs.items()
     }
-    setup, start = solve.setup_of(sessions, {}, case.options)
+    setup, start = assembly.setup_of(sessions, {}, case.options)
     limits = case.options["solve"]["max_rounds"], 1e-6, 1e-6
     result = estimation.estimate(setup, start, *limits, noise=10.0)
     names = sorted(case.truth)

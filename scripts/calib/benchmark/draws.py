@@ -10,8 +10,7 @@ import numpy as np
 
 import extract
 import gate
-import solve
-from calib import estimation, extraction, geometry, images, mocap, reference, rig
+from calib import assembly, estimation, extraction, geometry, images, mocap, reference, rig
 from calib.benchmark import recordings
 from calib.benchmark.statistics import Draw
 from calib.information import covariance
@@ -28,7 +27,7 @@ def draw(recording, seed):
     setup, start = setup_of(recording, table, views_of(recording, rng))
     if not setup.groups:
         return Draw(None, None)
-    stops = solve.limits(setup, recording.options["solve"] | TOLERANCE)
+    stops = assembly.limits(setup, recording.options["solve"] | TOLERANCE)
     result = estimation.estimate(setup, start, **stops)
     T = result.state.T_robot_sensor[recording.sensor]
     spread = covariance(result.solution.information)[:6, :6]
@@ -44,7 +43,7 @@ def setup_of(recording, table, views):
     keypoints, _, T = extraction.SENSORS[options["sensor"]["kind"]](job, views)
     n = len(keypoints["view"])
     pairs = keypoints | {"sensor": np.full(n, name, dtype="U64"), "feature": np.full(n, -1)}
-    return solve.setup_of({"": (pairs, {name: {"T_robot_sensor": T}}, job.places)}, {}, options)
+    return assembly.setup_of({"": (pairs, {name: {"T_robot_sensor": T}}, job.places)}, {}, options)
 
 
 def limits(recording):

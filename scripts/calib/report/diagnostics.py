@@ -1,6 +1,6 @@
 """What went wrong or nearly so, ranked by what it costs."""
 
-from calib import verdict as judge
+from calib import findings
 from calib.report import text
 from calib.report.extrinsics import DEG, MM
 
@@ -11,7 +11,7 @@ def rows(run, sessions):
     """{level, text, cost, remedy} of every finding, then of every loss of views, each the costliest
     first; sessions: {session: rows of funnel.table}."""
     found = [(_rank(run, f), f) for f in run.verdict["findings"]]
-    found.sort(key=lambda item: (-judge.LEVELS.index(item[1]["level"]), -item[0][0]))
+    found.sort(key=lambda item: (-findings.LEVELS.index(item[1]["level"]), -item[0][0]))
     out = [
         {"level": f["level"], "text": f["text"], "cost": cost, "remedy": f["remedy"]}
         for (_, cost), f in found

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib import verdict as judge
+from calib import findings
 from calib.report import text
 from calib.report.extrinsics import DEG, MM
 
@@ -69,7 +69,7 @@ def held_out(run):
                     "ratio": text.number(held["ratio"], 3),
                     "sigma_mm": text.number(_pose_sigma(sensor, 0) * MM, 2),
                     "sigma_deg": text.number(_pose_sigma(sensor, 1) * DEG, 2),
-                    "level": judge.level(held["ratio"], run.verdict["limits"], "heldout"),
+                    "level": findings.level(held["ratio"], run.verdict["limits"], "heldout"),
                     "most": most_influential(run, name),
                 }
             )

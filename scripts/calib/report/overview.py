@@ -5,8 +5,7 @@ calibration and verdict are calibration.json and verdict.json as they are.
 
 import numpy as np
 
-from calib import geometry
-from calib import verdict as judge
+from calib import findings, geometry
 from calib.report import extrinsics, text
 from calib.report.extrinsics import DEG, MM
 
@@ -78,4 +77,4 @@ def of_session(calibration, verdict, name, audit):
     moved = [f for f in verdict["findings"] if f["check"] == "moved" and f" {name} " in f["text"]]
     levels = ["fail"] * bool(faults) + [f["level"] for f in moved]
     told = faults + [f["text"] for f in moved]
-    return {"name": name, "level": judge.worst(levels), "told": "; ".join(told) or "complete"}
+    return {"name": name, "level": findings.worst(levels), "told": "; ".join(told) or "complete"}

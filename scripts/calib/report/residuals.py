@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from calib import tables
-from calib import verdict as judge
+from calib import findings, tables
 from calib.kinds import KINDS
 from calib.report import text
 
@@ -106,7 +105,7 @@ def rejected(run, sensor):
     if share >= 1 or not members_:
         return None
     candidates = round(members_ / (1 - share))
-    level = judge.level(share, run.verdict["limits"], "rejected")
+    level = findings.level(share, run.verdict["limits"], "rejected")
     n = candidates - members_
     return {"of": text.count(candidates), "n": text.count(n), "share": text.percent(share)} | {
         "level": level

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib import verdict as judge
+from calib import findings
 from calib.report import text
 from calib.report.extrinsics import MM
 
@@ -33,7 +33,7 @@ def _level(value, limits, key, large_is_bad):
     which there may be none."""
     if value is None:
         return "pass" if key == "heldout" else "fail"
-    return judge.level(value, limits, key, large_is_bad)
+    return findings.level(value, limits, key, large_is_bad)
 
 
 def _share(value, limit, large_is_bad):

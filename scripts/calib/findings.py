@@ -1,0 +1,68 @@
+"""What stands in a verdict: one finding per limit that is not kept, in words and numbers."""
+
+import numpy as np
+
+LEVELS = ("pass", "warn", "fail")
+MM, PERCENT, DEG = 1e3, 100.0, np.degrees(1.0)
+REMEDY = {
+    "rejected": "see what was left out and where (Residuals): a stand, a hand, a wrong size or "
+    "mount of a target, or wrong lens parameters",
+    "rejected edge": "measure outline_m, and see where the crossings lie (Residuals)",
+    "rejected corner": "measure square_m and T_body_target; if they are right, the lens parameters "
+    "or single views are wrong (Residuals, Extraction)",
+    "mocap_factor": "state mocap.pose_sigma and pose_bias_sigma as they are; if they are, look for "
+    "a wrong size or T_body_target of a target, wrong lens parameters, or a clock that is off",
+    "noise_factor": "see Residuals for what the noise stands for; state the "
+    "sensor's own noise if it is what it is",
+    "beyond": "see the overlays of the worst views for what does not belong to the target",
+    "whiteness": "see the residuals by ring or over the image: an error of single beams, of the "
+    "lens or of the printed pattern repeats itself",
+    "heldout": "see the most influential placements (Cross-validation): one may not have been "
+    "still, or something that nobody estimates is wrong",
+    "placements": "hold targets still in more places that it sees; the report says where frames "
+    "were lost",
+    "correction_sigma": "check the first guess and its sigma; if both are sure, the result is not",
+    "settled": "see the rounds in the Appendix, and mend what else is wrong first",
+}
+
+
+def worst(levels):
+    """The gravest of some levels; pass of none."""
+    return max(levels, key=LEVELS.index, default="pass")
+
+
+def level(value, limits, key, large_is_bad=True):
+    """What a value is by the limits warn_<key> and fail_<key>; one that is no number fails."""
+    for grave in ("fail", "warn"):
+        limit = limits[f"{grave}_{key}"]
+        if not (value <= limit if large_is_bad else value >= limit):
+            return grave
+    return "pass"
+
+
+def finding(check, sensors, found, text, remedy, value=None, limit=None):
+    """One entry of the verdict; sensors: names of those whose level it concerns."""
+    return {
+        "check": check,
+        "sensor": sensors[0] if len(sensors) == 1 else None,
+        "sensors": sensors,
+        "level": found,
+        "value": value,
+        "limit": limit,
+        "text": text,
+        "remedy": remedy,
+    }
+
+
+def measured(name, value, limits, check, words, scale=1.0, unit="", large=True, remedy=None):
+    """[finding] of a value that is beyond its limits, else []."""
+    found = level(value, limits, check, large)
+    if found == "pass":
+        return []
+    limit = limits[f"{found}_{check}"]
+    side = "above" if large else "below"
+    shown, most = (f"{v * scale:.3g}{unit}" for v in (value, limit))
+    text = f"{words} {shown}, {found} {side} {most}"
+    text = f"{name}: {text}" if name else text
+    remedy = REMEDY[check] if remedy is None else remedy
+    return [finding(check, [name] if name else [], found, text, remedy, value, limit)]
