@@ -15,7 +15,7 @@ import numpy as np
 
 from calib import cropping, logs, rig, stage, tables, targets, tracking
 from calib.stage import logger
-from calib.status import OK, Status, failed
+from calib.status import Status
 
 
 def read_views(sensor, frames, placements, guess, options):
@@ -55,30 +55,6 @@ def held(notes):
     return [Status.from_dict(note) for _, note in sorted(notes.items())]
 
 
-def seen(name, rows):
-    """Ok, or why a sensor has no view at all."""
-    if any(r["kept"] for r in rows):
-        return OK
-    reasons = [r["reason"] for r in rows]
-    counts = ", ".join(f"{reasons.count(r)} {r}" for r in sorted(set(reasons)))
-    return failed(
-        f"{name} has no view of a target",
-        counts or "no frame",
-        "1 or more",
-        remedy_of(reasons),
-    )
-
-
-def remedy_of(reasons):
-    """What to do where nothing was kept, for these reasons."""
-    if "seen from behind" in reasons:
-        return (
-            "Turn T_body_target of the board that is seen from behind, if it is mounted the other "
-            "way round: who looks at its face sees x to the right, y up and z towards himself."
-        )
-    return "Check T_robot_sensor and the targets' bodies, or record this sensor's view."
-
-
 def main(argv=None):
     args = stage.parser(
         __doc__,
@@ -105,7 +81,8 @@ def main(argv=None):
         mine = cropping.timed(mine, guess["time_offset_s"]["value"])
         placements = cropping.trimmed(placements, guess["time_offset_s"]["sigma"])
         rows = read_views(sensor, mine, placements, guess, options)
-        status = seen(name, rows) if any(s.ok for s in held(notes)) else held(notes)[0]
+        reasons = [r["reason"] for r in rows]
+        status = cropping.seen(name, reasons) if any(s.ok for s in held(notes)) else held(notes)[0]
     # Where points have no time of their own, a scan of what moves tells nothing of a clock.
     if status.ok and options["crop"]["max_moving"] and sensor.timed:
         poses, _, _ = tables.read(args.mocap, tables.MOCAP)

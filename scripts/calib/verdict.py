@@ -96,12 +96,11 @@ def of_sensor(name, sensor, limits):
         if c["name"] == "apart"
     ]
     out += _measured(name, sensor["rejected"], limits, "rejected", "rejected", PERCENT, " %")
-    out += _measured(name, sensor["placements"], limits, "placements", "placements", large=False)
+    out += of_views(name, sensor, limits)
     for kind, fit in sorted(sensor["fit"].items()):
         if not any(f["check"] == "rejected" for f in out):
             out += _rejected(name, kind, fit["rejected"], sensor["left_out"], limits)
         out += _of_fit(name, kind, fit, limits)
-    out += _of_tilt(name, sensor, limits)
     if sensor["held_out"]:
         words = "placements left out differ from what the others predict by, in their σ,"
         out += _measured(name, sensor["held_out"]["ratio"], limits, "heldout", words)
@@ -117,6 +116,16 @@ def of_sensor(name, sensor, limits):
         words = "differs from the first guess by, in its σ,"
         out += _measured(name, sensor["correction"], limits, "correction_sigma", words)
     return out
+
+
+def of_views(name, sensor, limits):
+    """Findings on how many placements a sensor saw, and on targets that all point the same way.
+
+    sensor: kind, placements, tilt, advice of solution.json, or of what is known before the solve.
+    """
+    n = sensor["placements"]
+    out = _measured(name, n, limits, "placements", "placements", large=False)
+    return out + _of_tilt(name, sensor, limits)
 
 
 def _rejected(name, kind, share, left_out, limits):
@@ -247,7 +256,7 @@ def of_target(name, target, limits):
     value = float((np.abs(shift) / prior).max())
     found = level(value, limits, "correction_sigma")
     if found == "pass":
-        return _held(name, target["open"])
+        return of_mount(name, target["open"])
     limit = limits[f"{found}_correction_sigma"]
     mm, deg = np.linalg.norm(shift.reshape(2, 3), axis=1) * [MM, DEG]
     text = (
@@ -258,7 +267,7 @@ def of_target(name, target, limits):
     return [finding("alignment", [], found, text, remedy, value, limit)]
 
 
-def _held(name, directions):
+def of_mount(name, directions):
     """The finding on what nothing tells of a target's place in its body, if there is any."""
     if not directions:
         return []

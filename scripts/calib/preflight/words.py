@@ -1,0 +1,102 @@
+"""The preflight of a rig as lines for the terminal; what it concludes comes last."""
+
+from dataclasses import dataclass
+
+from calib.report import intake, text
+
+NOWHERE = "its pose is stated nowhere: it is looked for in the data, until then all is in view"
+
+
+@dataclass(frozen=True)
+class Told:
+    """What report.intake reads of a run: options with sensors, targets and body; looks.Session by
+    name."""
+
+    options: dict
+    sessions: dict
+
+
+def lines(rig, judged, told):
+    """Lines on the sessions of a rig, what its sensors see, and what follows; judged: the content
+    of preflight.json."""
+    out = [line for session in told.sessions for line in of_session(rig, session, told)]
+    out += ["", f"{rig}: placements that each sensor sees", *_indented(placements(judged))]
+    notes = [
+        f"{sensor} in {name}: {NOWHERE}"
+        for sensor, about in judged["sensors"].items()
+        for name, s in about["sessions"].items()
+        if s["pose_from"] == "none" and s["targets"]
+    ]
+    return [*out, *(f"  {note}" for note in notes), "", *conclusion(rig, judged)]
+
+
+def of_session(rig, session, told):
+    """Lines on what a log holds and what is wrong with it."""
+    bodies = [
+        [r["name"], r["role"], r["poses"], f"{r['rate']} Hz", f"{r['gap']} s", r["faults"]]
+        for r in intake.bodies(told, session)
+    ]
+    streams = [
+        [r["name"], r["topic"], r["type"], r["messages"], f"{r['rate']} Hz", f"{r['gap']} s"]
+        for r in intake.streams(told, session)
+    ]
+    told_of = [
+        f"{row['name']}: {words}" for row in intake.streams(told, session) for words in row["told"]
+    ]
+    heard = [f"{what}: {words}" for what, words in intake.heard(told, session)]
+    head = ["motion capture", "", "poses", "rate", "longest gap", "faults"]
+    below = ["sensor", "topic", "type", "messages", "rate", "longest gap"]
+    tables = [*aligned([head, *bodies]), *aligned([below, *streams])]
+    return [f"{rig}, {session}", *_indented([*tables, *heard, *told_of])]
+
+
+def placements(judged):
+    """A table of preflight.json: sensor by session and target."""
+    rows = [["sensor", "session", "target", "still", "seen", "in motion", "not seen"]]
+    for sensor, about in judged["sensors"].items():
+        for session, s in about["sessions"].items():
+            for target, n in s["targets"].items():
+                lost = ", ".join(f"{k} {why}" for why, k in n["lost"].items())
+                counts = [str(n["placements"]), _between(n), str(n["views_in_motion"])]
+                rows.append([sensor, session, target, *counts, lost])
+            if not s["targets"]:
+                rows.append([sensor, session, *[text.DASH] * 4, s["status"]["reason"]])
+    return aligned(rows)
+
+
+def _between(n):
+    """`5 to 6`: as the pose is stated, and wherever within its uncertainty it is."""
+    low, high = n["expected"], n["possible"]
+    if low is None:
+        return f"at most {high}"
+    return str(high) if low == high else f"{low} to {high}"
+
+
+def conclusion(rig, judged):
+    """The verdict in a line, and every finding with what to do, the gravest first."""
+    told = [f"{rig}: {headline(judged)}"]
+    for f in judged["findings"]:
+        told += [f"  {f['level']}: {f['text']}", f"        {f['remedy']}"]
+    return told
+
+
+def headline(judged):
+    """What the recordings support, in a line."""
+    failed = sorted(n for n, level in judged["levels"].items() if level == "fail")
+    good = text.plural(len(judged["levels"]) - len(failed), "sensor")
+    if judged["verdict"] == "fail":
+        return "THESE RECORDINGS CANNOT BE CALIBRATED"
+    if failed:
+        return f"{good} can be calibrated, not {', '.join(failed)}"
+    return f"{good} can be calibrated" + (", but:" if judged["findings"] else "")
+
+
+def aligned(rows):
+    """Lines of rows of cells, in columns."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    padded = [[f"{c:{w}}" for c, w in zip(row, widths, strict=True)] for row in rows]
+    return ["  ".join(row).rstrip() for row in padded]
+
+
+def _indented(told):
+    return [f"  {line}" for line in told]
