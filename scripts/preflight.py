@@ -42,7 +42,8 @@ def judged(sessions, options):
     }
     verdict, findings, levels = judgement.of_rig(sessions, seen, options)
     about = {"rig": options["rig"], "verdict": verdict, "findings": findings, "levels": levels}
-    return about | {"sensors": judgement.numbers(seen)}
+    targets = judgement.turns(sessions, options)
+    return about | {"sensors": judgement.numbers(seen), "targets": targets}
 
 
 def main(argv=None):

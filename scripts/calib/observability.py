@@ -94,12 +94,18 @@ def tilts(seen):
     return {k: v for k, v in found.items() if v is not None}
 
 
-def hinge(T_body):
-    """Unit vector (3,), in the body's frame, about which alone poses T_body (n, 4, 4) differ; None
-    of those that turn about other axes too, or not at all."""
+def turns(T_body):
+    """By how much poses T_body (n, 4, 4), n ≥ 3, turn about their mean: rms (3,), deg, largest
+    first, and the axes of that, rows (3, 3) in the body's frame."""
     _, xi = geometry.mean(T_body)
     _, size, axes = np.linalg.svd(xi[:, 3:], full_matrices=False)
-    rms = np.degrees(size) / np.sqrt(len(xi))
+    return np.degrees(size) / np.sqrt(len(xi)), axes
+
+
+def hinge(T_body):
+    """The one axis (3,), in the body's frame, about which poses T_body (n, 4, 4), n ≥ 3, differ;
+    None of those that turn about others too, or not at all."""
+    rms, axes = turns(T_body)
     return axes[0] if rms[0] > ALIKE_DEG > rms[1] else None
 
 

@@ -92,23 +92,24 @@ def of_targets(sessions, options):
                 for t, s in sorted(held.items())
             ]
     for target, config in sorted(options["targets"].items()):
-        axis = None if "mount" in config else hinge(sessions, target, options["judge"])
+        T = placed(sessions, target)
+        told = len(T) < options["judge"]["fail_placements"] or "mount" in config
+        axis = None if told else observability.hinge(T)
         if options["target_alignment"] and axis is not None:
             along = rig.pose(config["T_body_target"])[:3, :3].T @ axis
             out += verdict.of_mount(target, [in_words(along)])
     return out
 
 
-def hinge(sessions, target, limits):
-    """The one axis (3,) of its body that a target turns about in front of the robot in all of its
-    placements, or None (observability.hinge)."""
-    T = []
-    for session in sessions.values():
-        p = session.placements
-        rows = (p["target"] == target) & (p["kind"] == "still")
-        T.append(geometry.from_xyz_quat(p["xyz"][rows], p["quat"][rows]).reshape(-1, 4, 4))
-    T = np.concatenate(T)
-    return observability.hinge(T) if len(T) >= limits["fail_placements"] else None
+def placed(sessions, target):
+    """T_robot_body (n, 4, 4) of all placements of a target."""
+    columns = [s.placements for s in sessions.values()]
+    rows = [(p["target"] == target) & (p["kind"] == "still") for p in columns]
+    xyz, quat = (
+        np.concatenate([p[k][r].reshape(-1, n) for p, r in zip(columns, rows, strict=True)])
+        for k, n in (("xyz", 3), ("quat", 4))
+    )
+    return geometry.from_xyz_quat(xyz, quat)
 
 
 def in_words(direction):
@@ -119,9 +120,21 @@ def in_words(direction):
     return f"its place along ({', '.join(f'{v:.2f}' for v in direction)})"
 
 
+def turns(sessions, options):
+    """{target: {placements, turns_deg}} for preflight.json: by how much it turns in front of the
+    robot about its three main axes, rms, or null where there are too few placements to say."""
+    out = {}
+    for target in sorted(options["targets"]):
+        T = placed(sessions, target)
+        rms = observability.turns(T)[0].tolist() if len(T) > 2 else None
+        out[target] = {"placements": len(T), "turns_deg": rms}
+    return out
+
+
 def numbers(looks):
-    """{sensor: {placements, sessions}} for preflight.json: how many placements are in view for
-    certain as stated and at most, and session by session what is seen and what lost, and why."""
+    """{sensor: {placements, tilt_deg, views_in_motion, sessions}} for preflight.json: how many
+    placements are in view as stated and at most, by how much the directions of the targets differ
+    in these, and session by session what is seen and what lost, and why."""
     out = {}
     for name, by_session in looks.items():
         good = [look for look in by_session.values() if look.status.ok]
@@ -132,6 +145,7 @@ def numbers(looks):
                 "possible": views(good, "possible")["placements"] if good else 0,
             },
             "tilt_deg": views(good, "possible")["tilt"] if good else {},
+            "views_in_motion": sum(s.in_motion for look in good for s in look.seen.values()),
             "sessions": {session: _session(look) for session, look in by_session.items()},
         }
     return out

@@ -95,7 +95,8 @@ def look(session, name, options):
     frames = cropping.timed(frames, block["time_offset_s"])
     robot = mocap.trajectory(session.poses, options["body"], options["max_gap_s"])
     known = float(robot.at(frames["seen"])[1].mean())
-    status = _placed(session) if known else _never(name)
+    status = _placed(session)
+    status = _never(name) if status.ok and not known else status
     if not status.ok:
         return Look(block["kind"], status, source, known)
     sensor, eye = cropping.KINDS[block["kind"]](rig.heard(block, audit)), BLIND

@@ -20,14 +20,15 @@ def lines(rig, judged, told):
     """Lines on the sessions of a rig, what its sensors see, and what follows; judged: the content
     of preflight.json."""
     out = [line for session in told.sessions for line in of_session(rig, session, told)]
-    out += ["", f"{rig}: placements that each sensor sees", *_indented(placements(judged))]
+    out += [f"{rig}: placements that each sensor sees, by its stated pose and its field of view", *_indented(placements(judged)), ""]
     notes = [
         f"{sensor} in {name}: {NOWHERE}"
         for sensor, about in judged["sensors"].items()
         for name, s in about["sessions"].items()
         if s["pose_from"] == "none" and s["targets"]
     ]
-    return [*out, *(f"  {note}" for note in notes), "", *conclusion(rig, judged)]
+    out += _indented([*notes, *([""] if notes else []), *sensors(judged), "", *turning(judged)])
+    return [*out, "", *conclusion(rig, judged)]
 
 
 def of_session(rig, session, told):
@@ -46,8 +47,8 @@ def of_session(rig, session, told):
     heard = [f"{what}: {words}" for what, words in intake.heard(told, session)]
     head = ["motion capture", "", "poses", "rate", "longest gap", "faults"]
     below = ["sensor", "topic", "type", "messages", "rate", "longest gap"]
-    tables = [*aligned([head, *bodies]), *aligned([below, *streams])]
-    return [f"{rig}, {session}", *_indented([*tables, *heard, *told_of])]
+    tables = [*aligned([head, *bodies]), "", *aligned([below, *streams]), ""]
+    return [f"{rig}, session {session}", *_indented([*tables, *heard, *told_of, ""])]
 
 
 def placements(judged):
@@ -61,6 +62,25 @@ def placements(judged):
                 rows.append([sensor, session, target, *counts, lost])
             if not s["targets"]:
                 rows.append([sensor, session, *[text.DASH] * 4, s["status"]["reason"]])
+    return aligned(rows)
+
+
+def sensors(judged):
+    """A table of how much each sensor sees in all, and how it differs."""
+    rows = [["sensor", "seen", "boards' normals differ by", "cylinders' axes", "views in motion"]]
+    for name, about in judged["sensors"].items():
+        wide = [about["tilt_deg"].get(k) for k in ("normals", "axes")]
+        wide = [text.DASH if w is None else f"{w:.0f}°" for w in wide]
+        rows.append([name, _between(about["placements"]), *wide, str(about["views_in_motion"])])
+    return aligned(rows)
+
+
+def turning(judged):
+    """A table of how each target turns in front of the robot."""
+    rows = [["target", "still", "turns about its three main axes, rms"]]
+    for name, about in judged["targets"].items():
+        turned = [f"{angle:.0f}°" for angle in about["turns_deg"] or ()]
+        rows.append([name, str(about["placements"]), ", ".join(turned) or text.DASH])
     return aligned(rows)
 
 
@@ -99,4 +119,4 @@ def aligned(rows):
 
 
 def _indented(told):
-    return [f"  {line}" for line in told]
+    return [f"  {line}".rstrip() for line in told]
