@@ -1,123 +1,112 @@
-"""What decode costs beside mcap's own reader, on the same bytes and in the same run.
-
-The logs repeat a few scans and images with fresh stamps, at a laboratory's rates, until they are
-large enough; each is removed once it is measured.
-"""
+"""What decode costs beside mcap's own reader, on the same bytes and in the same run."""
 
 import json
-import multiprocessing
-import resource
 import subprocess
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from mcap.writer import CompressionType, Writer
-
-from calib import geometry, logs
-from calib.benchmark import cost
+from calib import logs
+from calib.benchmark import cost, repeated
 from calib.benchmark.text import digits, table
-from calib.sim import drivers, log
 
-DECODE = Path(__file__).parents[2] / "decode.py"
-GOALS = {"time": 1.5, "memory": 500.0}  # CPU time over that of mcap's reader; MB
-BEGIN, NS = 1_700_000_000_000_000_000, 10**9
-MAP, BODIES = "mocap/world", ("mocap/robot", "mocap/board", "mocap/cylinder")
-LIDARS, CAMERAS = ("front", "rear"), ("left", "right")
-MCS_HZ, SENSOR_HZ = 100, 10
-SIZE_PX, BEAMS, COLUMNS, DIFFERENT = (1280, 1024), 16, 1800, 8
-STAMP = 4  # bytes before the stamp of a message that begins with a header
-
-
-@dataclass(frozen=True)
-class Reading:
-    """Of one reader: seconds, CPU seconds, and the most memory it took, MB."""
-
-    wall: float
-    cpu: float
-    memory: float
+SCRIPTS = Path(__file__).parents[2]
+RATIO, MEMORY = 1.5, 500  # goals: CPU time over that of mcap's own reader; MB
+GB = 1e9
 
 
 @dataclass(frozen=True)
 class Row:
-    """One log: compression of its chunks, bytes of the file and of its messages, how many these
-    are, and what decode and mcap's own reader took."""
+    """One log: compression of its chunks, bytes of its messages and how many these are; the
+    cost.Cost of decode, and of mcap's own reader."""
 
     compression: str
-    size: int
-    content: int
+    content: float
     messages: int
-    decode: Reading
-    raw: Reading
+    decode: cost.Cost
+    raw: cost.Cost
 
     @property
     def ratio(self):
-        """CPU time of decode over that of mcap's own reader."""
+        """CPU time of decode over that of mcap's own reader, start of Python included in both."""
         return self.decode.cpu / self.raw.cpu
 
 
 def plan(quick):
-    """[(compression, bytes of messages)] of the rows."""
-    small, large = (2e8, 1e9) if quick else (1e9, 1e10)
+    """[(compression, bytes of messages)] of the rows, the large log last."""
+    small, large = (0.2 * GB, GB) if quick else (GB, 10 * GB)
     return [("none", small), ("lz4", small), ("zstd", small), ("none", large)]
 
 
-def measure(folder, quick):
-    """[Row] of the plan, one after the other, below a folder."""
+def measured(folder, quick):
+    """[Row] of the plan; each log is written below a folder, read, and removed."""
     folder.mkdir(parents=True, exist_ok=True)
-    return [row(folder / f"{i}.mcap", *of) for i, of in enumerate(plan(quick))]
+    return [row(folder / "ingest.mcap", *of) for of in plan(quick)]
 
 
 def row(path, compression, content):
-    """The Row of a log that is written to path and removed again."""
+    """The Row of a log at path."""
     try:
-        messages, written = write(path, compression, content)
-        raw = raw_reading(path)
-        return Row(compression, path.stat().st_size, written, messages, decoded(path), raw)
+        messages = repeated.write(path, compression, content)
+        raw = costs_of("-m", "calib.benchmark.cost", path)
+        decode = costs_of(SCRIPTS / "decode.py", *arguments(path))
     finally:
         path.unlink(missing_ok=True)
+    return Row(compression, content, messages, decode, raw)
 
 
-def scans():
-    """(topic, type, [messages, serialised]) of every sensor."""
-    rng = np.random.default_rng(0)
-    for name in LIDARS:
-        clouds = [_serialised(_cloud(rng, f"{name}_lidar")) for _ in range(DIFFERENT)]
-        yield f"/{name}/points", log.CLOUD, clouds
-    for name in CAMERAS:
-        images = [_serialised(_image(rng, f"{name}_camera")) for _ in range(DIFFERENT)]
-        yield f"/{name}/image_raw", log.IMAGE, images
+def arguments(path):
+    """Of scripts/decode.py, for a log of `repeated`; its outputs go beside it."""
+    mocap = {"topics": ["/tf"], "map": repeated.MAP, "max_gap_s": 0.05}
+    options = {
+        "log": str(path),
+        "fingerprint": logs.fingerprint(str(path)),
+        "sensors": repeated.sensors(),
+        "mocap": mocap,
+        "bodies": list(repeated.BODIES),
+        "from_s": None,
+        "to_s": None,
+    }
+    names = {"mocap": "mocap.parquet", "frames": "frames.parquet", "audit": "log.json"}
+    written = [word for k, name in names.items() for word in (f"--{k}", path.parent / name)]
+    return *written, "--options", json.dumps(options)
 
 
-def _serialised(message):
-    return bytearray(log.STORE.serialize_cdr(message, message.__msgtype__))
+def costs_of(*command):
+    """The Cost that a script of this checkout says it had."""
+    # A shell in between: a process inherits the peak memory of the one that starts it.
+    words = ["/bin/sh", "-c", '"$@"; exit $?', "sh", sys.executable, *command]
+    done = subprocess.run([str(w) for w in words], cwd=SCRIPTS, capture_output=True, text=True)
+    found = cost.LINE.search(done.stderr)
+    if done.returncode or not found:
+        raise RuntimeError(f"{command[0]} did not read its log:\n{done.stderr}")
+    wall, cpu, memory = found.groups()[1:]
+    return cost.Cost(1, float(wall), float(cpu), int(memory))
 
 
-def _cloud(rng, frame):
-    """PointCloud2 of a VLP-16's turn in a room."""
-    azimuth = np.linspace(-np.pi, np.pi, COLUMNS, endpoint=False)[:, None]
-    elevation = np.radians(np.linspace(-15, 15, BEAMS))
-    ray = np.stack(
-        np.broadcast_arrays(
-            np.cos(azimuth) * np.cos(elevation),
-            np.sin(azimuth) * np.cos(elevation),
-            np.sin(elevation) + 0 * azimuth,
-        ),
-        -1,
-    )
-    distance = 4 / np.abs(ray[..., :2]).max(-1) + rng.normal(0, 0.01, ray.shape[:2])
-    after = (np.arange(COLUMNS) * (NS // SENSOR_HZ // COLUMNS))[:, None]
-    grey = rng.integers(0, 255, distance.shape)
-    seen = np.ones(distance.shape, bool)
-    echoes = drivers.Echoes(ray * distance[..., None], distance, grey, seen, after, BEGIN)
-    return log.cloud(BEGIN, frame, "velodyne", echoes)
+def ingest(rows):
+    """The table of Rows."""
+    head = ("chunks", "messages, GB", "messages", "decode, CPU s", "MB/s", "messages/s", "peak, MB")
+    head += ("mcap's reader, CPU s", "MB/s", "messages/s", "peak, MB", "decode / reader")
+    return table(head, [_cells(r) for r in rows])
 
 
-def _image(rng, frame):
-    """Image of grey ramps with the noise of a sensor."""
-    u, v = np.meshgrid(*map(np.arange, SIZE_PX))
-    grey = 128 + 100 * np.sin(u / 90) * np.cos(v / 70) + rng.normal(0, 1.8, u.shape)
-    spec = Camera("/", False, "mono8")
-    return log.image(BEGIN, frame, spec, np.clip(grey, 0, 255).astype(np.uint8))[2]
+def _cells(r):
+    cells = [r.compression, digits(r.content / GB), str(r.messages)]
+    for c in (r.decode, r.raw):
+        speed = f"{r.content / 1e6 / c.cpu:.0f}", f"{r.messages / c.cpu:.0f}"
+        cells += [digits(c.cpu), *speed, str(c.memory)]
+    return [*cells, digits(r.ratio)]
+
+
+def short_of(rows):
+    """Sentences on what the Rows do not reach; small logs are held to no time, for most of that is
+    the start of Python."""
+    out = []
+    for r in rows:
+        name = f"decode of {digits(r.content / GB)} GB, chunks {r.compression}"
+        if r.content >= GB and not r.ratio <= RATIO:
+            out.append(f"{name}: {digits(r.ratio)} × mcap's own reader, goal {RATIO} ×")
+        if not r.decode.memory <= MEMORY:
+            out.append(f"{name}: {r.decode.memory} MB, goal {MEMORY} MB")
+    return out

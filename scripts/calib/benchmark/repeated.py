@@ -8,8 +8,10 @@ from mcap.writer import CompressionType, Writer
 from calib import geometry
 from calib.sim import drivers, log, rigs
 
-COMPRESSIONS = {"none": CompressionType.NONE, "lz4": CompressionType.LZ4} | {
-    "zstd": CompressionType.ZSTD
+COMPRESSIONS = {
+    "none": CompressionType.NONE,
+    "lz4": CompressionType.LZ4,
+    "zstd": CompressionType.ZSTD,
 }
 BEGIN, NS = 1_700_000_000 * 10**9, 10**9
 MAP, BODIES = "mocap/world", ("mocap/robot", "mocap/board", "mocap/cylinder")
@@ -21,7 +23,7 @@ STAMP_AT = 4  # byte of a serialised message that begins with a header
 
 
 def write(path, compression, content):
-    """Write an MCAP of `content` bytes of messages, or a little more; returns how many there are."""
+    """Write an MCAP of `content` bytes of messages, or a little more; returns their number."""
     with path.open("wb") as stream:
         # The checksum of a chunk takes longer than its bytes, and no reader here asks for it.
         kind = COMPRESSIONS[compression]
@@ -73,8 +75,8 @@ def _messages():
         turn, between = divmod(tick, MCS_HZ // SENSOR_HZ)
         if between == 0:
             for topic, pool in pools.items():
-                data = pool[turn % DIFFERENT]
-                struct.pack_into("<iI", data, STAMP_AT, t // NS, t % NS)
+                data, stamp = pool[turn % DIFFERENT], t - NS // SENSOR_HZ
+                struct.pack_into("<iI", data, STAMP_AT, stamp // NS, stamp % NS)
                 yield t, topic, data
         tick += 1
 

@@ -20,7 +20,11 @@ def lines(rig, judged, told):
     """Lines on the sessions of a rig, what its sensors see, and what follows; judged: the content
     of preflight.json."""
     out = [line for session in told.sessions for line in of_session(rig, session, told)]
-    out += [f"{rig}: placements that each sensor sees, by its stated pose and its field of view", *_indented(placements(judged)), ""]
+    out += [
+        f"{rig}: placements that each sensor sees, by its stated pose and its field of view",
+        *_indented(placements(judged)),
+        "",
+    ]
     notes = [
         f"{sensor} in {name}: {NOWHERE}"
         for sensor, about in judged["sensors"].items()
