@@ -92,7 +92,7 @@ def _between(n):
     """`5 to 6`: as the pose is stated, and wherever within its uncertainty it is."""
     low, high = n["expected"], n["possible"]
     if low is None:
-        return f"at most {high}"
+        return f"at most {high}" if high else "0"
     return str(high) if low == high else f"{low} to {high}"
 
 
