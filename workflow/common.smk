@@ -313,7 +313,7 @@ def last_words():
         told[rig] = {"sessions": sessions_of(rig), "stopped": stopped}
         if stopped:
             print(f"{rig}: STOPPED", *stopped, sep="\n  ", file=sys.stderr)
-        elif asked:
+        elif asked and (home / "preflight.txt").exists():
             print((home / "preflight.txt").read_text(), end="", file=sys.stderr)
         elif (home / "verdict.json").exists():
             page = os.path.relpath(home / "report.html", os.environ.get("PWD", "."))
