@@ -38,12 +38,13 @@ rule all:
 
 
 rule preflight:
+    """What the recordings support, before anyone waits: fails where that is nothing."""
     input:
         expand("results/{rig}/preflight.json", rig=RIGS),
     log:
         "results/preflight.log",
-    """What the recordings support, before anyone waits: fails where that is nothing."""
-    localrule: True
+    conda:
+        "workflow/envs/calib.yaml"
     shell:
         '! grep -l \'^ "verdict": "fail"\' {input:q} > {log:q}'
 
