@@ -1,7 +1,8 @@
 """Recordings from a motion capture room in, sensor extrinsics out.
 
 decode -> gate -> crop -> extract -> associate -> solve -> judge -> report -> export, with guess
-beside gate; preflight, when asked for, looks at what decode and gate found. One stage is one rule, one script of its name, one block of config.yaml and one log.
+beside gate; preflight, when asked for, looks at what decode and gate found. One stage is one rule,
+one script of its name, one block of config.yaml and one log.
 """
 
 from snakemake.utils import min_version

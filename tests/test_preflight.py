@@ -98,8 +98,26 @@ def test_of_a_pose_that_is_stated_nowhere_the_placements_are_an_upper_bound(copi
     code, found, text, _ = preflight(copied)
     assert code == 0
     assert found["sensors"]["camera"]["placements"] == {"expected": None, "possible": 8}
-    assert "camera in sim: its pose is stated nowhere: it is looked for in the data" in text
+    assert "the pose of camera in sim is not stated: it is looked for in the data" in text
     assert "at most 8" in text
+
+
+def test_of_a_target_whose_mount_is_unknown_the_placements_are_an_upper_bound(copied):
+    runs.edit(copied / "config/targets/board.yaml", lambda t: t.update(mount="unknown"))
+    code, found, text, _ = preflight(copied)
+    seen = found["sensors"]["camera"]["sessions"]["sim"]["targets"]
+    assert code == 0
+    assert (seen["board"]["expected"], seen["board"]["possible"]) == (None, 4)
+    assert (seen["cylinder"]["expected"], seen["cylinder"]["possible"]) == (0, 0)
+    assert "where board sits in its body is not stated: it is looked for in the data" in text
+
+
+def test_without_an_offset_to_find_motion_is_of_no_interest(copied):
+    settings = {"estimate": {"time_offset": False}}
+    runs.edit(runs.config(copied), lambda c: c.update(solve=settings))
+    _, found, *_ = preflight(copied)
+    assert {s["views_in_motion"] for s in found["sensors"].values()} == {0}
+    assert all(f["check"] != "offset_s" for f in found["findings"])
 
 
 def test_a_sensor_that_is_not_in_the_log_is_named_and_the_other_is_calibrated(copied):

@@ -103,9 +103,9 @@ def gate_options(w):
 def preflight_options(w):
     rig, used = RIGS[w.rig], {s: SESSIONS[s] for s in sessions_of(w.rig)}
     keys = ("sensors", "targets", "remounted")
-    estimate = CONFIG["solve"]["estimate"]
     return options(
-        **{stage: CONFIG[stage] for stage in ("guess", "crop", "judge")},
+        **{stage: CONFIG[stage] for stage in ("guess", "judge")},
+        crop=crop_block(w),
         rig=w.rig,
         body=rig["body"],
         max_gap_s=max_gap(w),
@@ -113,8 +113,8 @@ def preflight_options(w):
         targets={t: TARGETS[t] for t in targets_of(w.rig)},
         given=GIVEN.get(w.rig, {}),
         sessions={name: {k: session[k] for k in keys} for name, session in used.items()},
-        time_offset=estimate["time_offset"] == "auto",
-        target_alignment=estimate["target_alignment"] is not False,
+        time_offset=clocks_wanted(w),
+        target_alignment=CONFIG["solve"]["estimate"]["target_alignment"] is not False,
     )
 
 
@@ -164,9 +164,13 @@ def guess_options(w):
 def crop_options(w):
     session = SESSIONS[w.session]
     targets = {t: TARGETS[t] for t in session["targets"]}
-    crop = CONFIG["crop"] | ({} if clocks_wanted(w) else {"max_moving": 0})
-    more = {"crop": crop, "body": RIGS[w.rig]["body"], "max_gap_s": max_gap(w)}
+    more = {"crop": crop_block(w), "body": RIGS[w.rig]["body"], "max_gap_s": max_gap(w)}
     return sensor_options("crop", w, targets=targets, log=session["log"], **more)
+
+
+def crop_block(w):
+    """Block `crop` of the config, without views in motion where they are of no use."""
+    return CONFIG["crop"] | ({} if clocks_wanted(w) else {"max_moving": 0})
 
 
 def clocks_wanted(w):

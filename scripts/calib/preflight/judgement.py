@@ -138,7 +138,7 @@ def numbers(looks):
     out = {}
     for name, by_session in looks.items():
         good = [look for look in by_session.values() if look.status.ok]
-        stated = all(look.source != "none" for look in good)
+        stated = all(s.stated for look in good for s in look.seen.values())
         out[name] = {
             "placements": {
                 "expected": views(good, "expected")["placements"] if good and stated else None,
@@ -159,7 +159,7 @@ def _session(look):
         "targets": {
             name: {
                 "placements": len(s.T),
-                "expected": None if look.source == "none" else s.expected.count(""),
+                "expected": s.expected.count("") if s.stated else None,
                 "possible": s.possible.count(""),
                 "lost": s.lost(),
                 "views_in_motion": s.in_motion,

@@ -33,13 +33,15 @@ class Session:
 class Seen:
     """One target before one sensor: its shape, T_robot_target (n, 4, 4) of every placement, and the
     reason (n,) against each, "" for those in view: from where the rig says that the sensor sits,
-    and from anywhere within the uncertainty of that. in_motion: views of it that tell the clock."""
+    and from anywhere within the uncertainty of that. in_motion: views of it that tell the clock;
+    stated: whether it is known where both sit, without which all is taken to be in view."""
 
     shape: object
     T: np.ndarray
     expected: tuple
     possible: tuple
     in_motion: int
+    stated: bool
 
     def lost(self):
         """{reason: placements} of those that are out of view for certain."""
@@ -105,7 +107,7 @@ def look(session, name, options):
     else:
         margin = options["crop"]["margin_sigma"] * np.asarray(found.sigma)
         eye = Eye(sensor, found.T_robot_sensor, margin)
-    seen = _targets(session, eye, frames, block, options)
+    seen = _targets(session, eye, frames, block, options, sensor.timed)
     reasons = [why for s in seen.values() for why in s.possible]
     status = cropping.seen(name, reasons)
     return Look(block["kind"], status, source, known, seen, sensor.timed)
@@ -126,8 +128,9 @@ def _never(name):
     )
 
 
-def _targets(session, eye, frames, block, options):
-    """{target: Seen} of one sensor in a session; block: of the sensor."""
+def _targets(session, eye, frames, block, options, timed):
+    """{target: Seen} of one sensor in a session; block: of the sensor; timed: whether its views of
+    what moves tell a time."""
     blocks = {n: options["targets"][n] for n in sorted(session.targets)}
     mounts = cropping.mounts(blocks, {"mounts": {}})
     placements = cropping.trimmed(session.placements, block["time_offset_sigma_s"])
@@ -144,8 +147,10 @@ def _targets(session, eye, frames, block, options):
             _reasons(rows, during, by, shape, T_robot_target, margin, options["crop"])
             for margin in (np.zeros(6), by.margin)
         )
-        moving = _in_motion(by, shape, paths[name], frames, mounts.get(name), block, options)
-        out[name] = Seen(shape, T_robot_target[rows], expected, possible, moving)
+        moving = 0
+        if timed and config["method"] == "surface":
+            moving = _in_motion(by, shape, paths[name], frames, mounts.get(name), block, options)
+        out[name] = Seen(shape, T_robot_target[rows], expected, possible, moving, by is not BLIND)
     return out
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from calib.report import intake, text
 
-NOWHERE = "its pose is stated nowhere: it is looked for in the data, until then all is in view"
+UNSTATED = "is not stated: it is looked for in the data, and until then all counts as seen"
 
 
 @dataclass(frozen=True)
@@ -25,14 +25,22 @@ def lines(rig, judged, told):
         *_indented(placements(judged)),
         "",
     ]
-    notes = [
-        f"{sensor} in {name}: {NOWHERE}"
-        for sensor, about in judged["sensors"].items()
-        for name, s in about["sessions"].items()
-        if s["pose_from"] == "none" and s["targets"]
-    ]
+    notes = unstated(judged)
     out += _indented([*notes, *([""] if notes else []), *sensors(judged), "", *turning(judged)])
     return [*out, "", *conclusion(rig, judged)]
+
+
+def unstated(judged):
+    """Lines on the poses of sensors and the mounts of targets that nobody has told."""
+    sensors, targets = {}, {}
+    for sensor, about in judged["sensors"].items():
+        for session, s in about["sessions"].items():
+            for target, n in s["targets"].items():
+                if s["pose_from"] == "none":
+                    sensors[f"the pose of {sensor} in {session} {UNSTATED}"] = None
+                elif n["expected"] is None:
+                    targets[f"where {target} sits in its body {UNSTATED}"] = None
+    return [*sensors, *targets]
 
 
 def of_session(rig, session, told):
