@@ -1,7 +1,8 @@
 """Recordings from a motion capture room in, sensor extrinsics out.
 
 decode -> gate -> crop -> extract -> associate -> solve -> judge -> report -> export, with guess
-beside gate. One stage is one rule, one script of its name, one block of config.yaml and one log.
+beside gate; preflight, when asked for, looks at what decode and gate found. One stage is one rule,
+one script of its name, one block of config.yaml and one log.
 """
 
 from snakemake.utils import min_version
@@ -35,6 +36,18 @@ onerror:
 rule all:
     input:
         expand("results/{rig}/export/static_transforms.yaml", rig=RIGS),
+
+
+rule preflight:
+    """What the recordings support, before anyone waits: fails where that is nothing."""
+    input:
+        expand("results/{rig}/preflight.json", rig=RIGS),
+    log:
+        "results/preflight.log",
+    conda:
+        "workflow/envs/calib.yaml"
+    shell:
+        '! grep -l \'^ "verdict": "fail"\' {input:q} > {log:q}'
 
 
 rule decode:
@@ -74,6 +87,30 @@ rule gate:
     shell:
         "python {input.code[0]:q} --mocap {input.mocap:q} --audit {input.audit:q}"
         " --output {output:q} --options {params.options:q} 2> {log:q}"
+
+
+rule preflight_of_rig:
+    """What decode and gate tell of how a calibration will end; no other stage waits for it."""
+    input:
+        audits=of_sessions("results/{rig}/{session}/log.json"),
+        mocap=of_sessions("results/{rig}/{session}/mocap.parquet"),
+        frames=of_sessions("results/{rig}/{session}/frames.parquet"),
+        placements=of_sessions("results/{rig}/{session}/placements.parquet"),
+        code=code("preflight"),
+    output:
+        json="results/{rig}/preflight.json",
+        text="results/{rig}/preflight.txt",
+    log:
+        "results/{rig}/preflight.log",
+    conda:
+        "workflow/envs/calib.yaml"
+    params:
+        options=preflight_options,
+    shell:
+        "python {input.code[0]:q} --audits {input.audits:q} --mocap {input.mocap:q}"
+        " --frames {input.frames:q} --placements {input.placements:q}"
+        " --json {output.json:q} --text {output.text:q}"
+        " --options {params.options:q} 2> {log:q}"
 
 
 rule guess:

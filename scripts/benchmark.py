@@ -16,7 +16,19 @@ from pathlib import Path
 
 import yaml
 
-from calib.benchmark import chart, collect, cost, lab, many, measure, page, plan, rows, statistics
+from calib.benchmark import (
+    chart,
+    collect,
+    cost,
+    ingest,
+    lab,
+    many,
+    measure,
+    page,
+    plan,
+    rows,
+    statistics,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -163,7 +175,8 @@ def main(argv=None):
     draws = args.draws or (4 if args.quick else 100)
     sizes = rows.cases(args.quick), 5 if args.quick else 30, draws
     lines, speeds, found = measured(args.work.resolve(), *sizes, args)
-    text = page.whole(lines, speeds, found, args.quick)
+    ingested = ingest.measured(args.work.resolve() / "ingest", args.quick)
+    text = page.whole(lines, speeds, found, ingested, args.quick)
     print(text)
     if not args.quick:
         args.docs.mkdir(parents=True, exist_ok=True)

@@ -15,28 +15,26 @@ import numpy as np
 
 from calib import cropping, logs, rig, stage, tables, targets, tracking
 from calib.stage import logger
-from calib.status import OK, Status, failed
+from calib.status import Status
 
 
-def read_views(sensor, frames, placements, guess, options):
-    """Rows of views.parquet of a sensor whose guess and placements are known."""
-    log = logs.open_log(options["log"])
+def read_views(sensor, frames, placements, guess, content_of, options):
+    """Rows of views.parquet of a sensor whose guess and placements are known; content_of reads what
+    it measured (cropping.reader)."""
     mounts = cropping.mounts(options["targets"], guess)
     shapes = {n: targets.from_config(options["targets"][n]) for n in mounts}
     poses = cropping.placed(placements, mounts), np.array(guess["T_robot_sensor"]["matrix"])
     margin = options["crop"]["margin_sigma"] * np.array(guess["sigma"])
-    content_of = cropping.reader(log, options["sensor"], frames)
     where = frames, placements, poses, margin
     return cropping.rows(sensor, shapes, *where, content_of, options["crop"])
 
 
-def read_motion(sensor, frames, poses, guess, options):
+def read_motion(sensor, frames, poses, guess, content_of, options):
     """Rows of motion.parquet; poses: columns of mocap.parquet."""
-    blocks, log = options["targets"], logs.open_log(options["log"])
+    blocks = options["targets"]
     known = cropping.mounts(blocks, guess)
     bodies = {n: blocks[n]["body"] for n in known if blocks[n]["method"] == "surface"}
     paths = tracking.trajectories(poses, options["body"], bodies, options["max_gap_s"])
-    content_of = cropping.reader(log, options["sensor"], frames)
     margin = options["crop"]["margin_sigma"] * np.array(guess["sigma"])
     rows = []
     for name, path in paths.items():
@@ -53,30 +51,6 @@ def read_motion(sensor, frames, poses, guess, options):
 def held(notes):
     """Status of every target in the session: whether it is ever still in front of the robot."""
     return [Status.from_dict(note) for _, note in sorted(notes.items())]
-
-
-def seen(name, rows):
-    """Ok, or why a sensor has no view at all."""
-    if any(r["kept"] for r in rows):
-        return OK
-    reasons = [r["reason"] for r in rows]
-    counts = ", ".join(f"{reasons.count(r)} {r}" for r in sorted(set(reasons)))
-    return failed(
-        f"{name} has no view of a target",
-        counts or "no frame",
-        "1 or more",
-        remedy_of(reasons),
-    )
-
-
-def remedy_of(reasons):
-    """What to do where nothing was kept, for these reasons."""
-    if "seen from behind" in reasons:
-        return (
-            "Turn T_body_target of the board that is seen from behind, if it is mounted the other "
-            "way round: who looks at its face sees x to the right, y up and z towards himself."
-        )
-    return "Check T_robot_sensor and the targets' bodies, or record this sensor's view."
 
 
 def main(argv=None):
@@ -104,12 +78,14 @@ def main(argv=None):
         sensor, mine = kind(block), tables.select(frames, frames["sensor"] == name)
         mine = cropping.timed(mine, guess["time_offset_s"]["value"])
         placements = cropping.trimmed(placements, guess["time_offset_s"]["sigma"])
-        rows = read_views(sensor, mine, placements, guess, options)
-        status = seen(name, rows) if any(s.ok for s in held(notes)) else held(notes)[0]
+        content_of = cropping.reader(logs.open_log(options["log"]), block, mine)
+        rows = read_views(sensor, mine, placements, guess, content_of, options)
+        reasons = [r["reason"] for r in rows]
+        status = cropping.seen(name, reasons) if any(s.ok for s in held(notes)) else held(notes)[0]
     # Where points have no time of their own, a scan of what moves tells nothing of a clock.
     if status.ok and options["crop"]["max_moving"] and sensor.timed:
         poses, _, _ = tables.read(args.mocap, tables.MOCAP)
-        moving = read_motion(sensor, mine, poses, guess, options)
+        moving = read_motion(sensor, mine, poses, guess, content_of, options)
     write(args.output, kind.schema, rows, status)
     write(args.motion, kind.schema, moving, status)
     logger.info("%s: kept %d of %d views", name, sum(r["kept"] for r in rows), len(rows))

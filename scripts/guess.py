@@ -15,42 +15,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib import frames, rig, stage
+from calib import logs, rig, stage
 from calib.found import Found
 from calib.stage import logger
-from calib.status import OK, InputError, Status, failed
+from calib.stated import stated
+from calib.status import OK, Status
 
 
-def from_static(static, body, frame):
-    """T_body_frame (4, 4) along static transforms, those of log.json or of a URDF, or None."""
-    edges = {(e["parent"], e["child"]): rig.pose(e["T"]) for e in static}
-    return frames.chain(edges, body, frame)
-
-
-def stated(name, sensor, options, audit):
-    """(source, Found) of a pose that the rig or the log states, or of none: no pose, status ok."""
-    heard = audit["sensors"][name]
-    sigma = rig.pose_sigma(sensor.get("guess_sigma", options["guess"]["sigma"]))
-    given = options.get("given", {}).get(name, {})
-    for source, known in (("config", sensor), (given.get("source"), given)):
-        if "T_robot_sensor" in known:
-            return source, Found(rig.pose(known["T_robot_sensor"]), sigma)
-    if given.get("static"):
-        T = from_static(given["static"], options["body"], heard["frame"].lstrip("/"))
-        if T is not None:
-            return given["source"], Found(T, sigma)
-    try:
-        T = from_static(audit["static"], options["body"], heard["frame"])
-    except InputError as error:
-        remedy = f"Mend what publishes it, or write sensors.{name}.T_robot_sensor."
-        status = failed("a static transform of the log is no pose", error, "", remedy)
-        return "none", Found(status=status)
-    return ("none", Found()) if T is None else ("tf_static", Found(T, sigma))
-
-
-def find(args, options, audit, offset):
+def find(args, options, audit, offset, log):
     """(source, Found, mounts: target -> handeye.Mount) of the first source that gives a pose;
-    offset: the guess of the sensor's clock."""
+    offset: the guess of the sensor's clock; log: open, or None where it is not looked into."""
     name, sensor = options["name"], options["sensor"]
     status = Status.from_dict(audit["sensors"][name]["status"])
     if not status.ok:
@@ -60,7 +34,7 @@ def find(args, options, audit, offset):
     unknown = any("mount" in c for c in options.get("targets", {}).values())
     if not found.status.ok or (settled and not unknown):
         return source, found, {}
-    recording, status = opened(args, options, audit, offset)
+    recording, status = recorded(args, options, offset, log)
     if not status.ok:
         return "none", Found(status=status), {}
     mounts = find_mounts(recording, options, audit)
@@ -80,42 +54,46 @@ def find(args, options, audit, offset):
     return source if settled else "found in the data", seen, mounts
 
 
-def clock(args, options, audit):
+def clock(args, options, log):
     """{value, sigma, source} of the offset of the sensor's clock, s."""
     name, sensor = options["name"], options["sensor"]
     told = {"value": sensor["time_offset_s"], "sigma": sensor["time_offset_sigma_s"]}
-    wanted = args.mocap and Status.from_dict(audit["sensors"][name]["status"]).ok
-    found = find_lag(args, options, audit, told) if wanted else None
+    found = find_lag(args, options, log, told) if args.mocap and log else None
     if found is None:
         return told | {"source": "config"}
     logger.info("%s: its clock is off by %.2f s: %s", name, found.value, found.basis)
     return {"value": found.value, "sigma": found.sigma, "source": found.basis}
 
 
-def find_lag(args, options, audit, told):
+def find_lag(args, options, log, told):
     """The lag.Lag that the session tells, or None."""
-    stage.limit_threads()
     # 0.6 s, which only a search should pay.
-    from calib import cropping, logs, mocap, tables
+    from calib import cropping, mocap, tables
     from calib.guessing import lag
 
-    logs.require_same(options["log"], audit["fingerprint"])
     frames, _, _ = tables.read(args.frames[0], tables.FRAMES)
     poses, _, _ = tables.read(args.mocap[0], tables.MOCAP)
     frames = tables.select(frames, frames["sensor"] == options["name"])
     paths = [mocap.trajectory(poses, b, options["max_gap_s"]) for b in options["bodies"]]
-    read = cropping.reader(logs.open_log(options["log"]), options["sensor"], frames)
+    read = cropping.reader(log, options["sensor"], frames)
     return lag.find(options["sensor"]["kind"], frames["t"], read, paths, told)
 
 
-def opened(args, options, audit, offset):
-    """(Recording, status): the session, or why nothing can be found in it."""
+def opened(options, audit):
+    """The log where it is looked into and has the sensor, else None."""
+    if "log" not in options or not audit["sensors"][options["name"]]["status"]["ok"]:
+        return None
     stage.limit_threads()
+    logs.require_same(options["log"], audit["fingerprint"])
+    return logs.open_log(options["log"])
+
+
+def recorded(args, options, offset, log):
+    """(Recording, status): the session, or why nothing can be found in it."""
     # 0.6 s, which only a search should pay.
-    from calib import cropping, logs, tables
+    from calib import cropping, tables
     from calib.guessing.recording import Recording
 
-    logs.require_same(options["log"], audit["fingerprint"])
     placements, status, notes = tables.read(args.placements[0], tables.PLACEMENTS)
     held = [Status.from_dict(note) for _, note in sorted(notes.items())]
     if not status.ok or not any(s.ok for s in held):
@@ -123,7 +101,6 @@ def opened(args, options, audit, offset):
     columns, _, _ = tables.read(args.frames[0], tables.FRAMES)
     columns = cropping.timed(columns, offset["value"])
     placements = cropping.trimmed(placements, offset["sigma"])
-    log = logs.open_log(options["log"])
     return Recording(placements, columns, log, options["targets"], options["guess"]), OK
 
 
@@ -173,8 +150,9 @@ def main(argv=None):
     ).parse_args(argv)
     audit = stage.read_json(args.audit)
     options = completed(args.options, audit["sensors"])
-    offset = clock(args, options, audit)
-    source, found, mounts = find(args, options, audit, offset)
+    log = opened(options, audit)
+    offset = clock(args, options, log)
+    source, found, mounts = find(args, options, audit, offset, log)
     T, sigma = found.T_robot_sensor, found.sigma
     if T is None:
         sigma = rig.pose_sigma(options["guess"]["sigma"])

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib import clouds, headers
+from calib.logs.types import Types
 from calib.sim import drivers, log, patterns
 from calib.status import MessageError
 
@@ -207,7 +208,15 @@ def scan(number, columns=360, missing=0.1):
 def recorded(driver, change=lambda m: m, columns=360):
     """Echoes and messages of ten scans of a driver; change is applied to each message."""
     echoes = [scan(i, columns) for i in range(10)]
-    return echoes, [change(log.cloud(e.t, "lidar", driver, e)) for e in echoes]
+    return echoes, [change(logged(log.cloud(e.t, "lidar", driver, e))) for e in echoes]
+
+
+def logged(message):
+    """A message as a log gives it."""
+    name, types = message.__msgtype__, Types("a log")
+    types.define(name, "ros2msg", log.STORE.generate_msgdef(name, ros_version=2)[0])
+    data = bytearray(log.STORE.serialize_cdr(message, name))  # one that tests may change
+    return types.codec(name, "cdr").content(data)
 
 
 def in_order(*columns):

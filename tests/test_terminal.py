@@ -68,7 +68,9 @@ def common(tmp_path, monkeypatch):
         content = {"body": "mcs/robot", "mocap": mocap, "sensors": SENSORS} | truth
         (tmp_path / "config/rigs/robo.yaml").write_text(yaml.safe_dump(content))
         path = ROOT / "workflow" / "common.smk"
-        names = {"workflow": SimpleNamespace(basedir=ROOT), "shell": MagicMock()}
+        asked = SimpleNamespace(targets=set())
+        workflow = SimpleNamespace(basedir=ROOT, dag_settings=asked)
+        names = {"workflow": workflow, "shell": MagicMock()}
         names["config"] = {"sessions": {"s1": {"rig": "robo", "log": "logs/s1.mcap"}}}
         exec(compile(path.read_text(), path, "exec"), names)
         return names

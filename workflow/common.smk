@@ -100,6 +100,24 @@ def gate_options(w):
     return options(gate=CONFIG["gate"], body=rig["body"], mocap=mocap, targets=bodies)
 
 
+def preflight_options(w):
+    rig, used = RIGS[w.rig], {s: SESSIONS[s] for s in sessions_of(w.rig)}
+    keys = ("sensors", "targets", "remounted")
+    return options(
+        **{stage: CONFIG[stage] for stage in ("guess", "judge")},
+        crop=CONFIG["crop"],
+        rig=w.rig,
+        body=rig["body"],
+        max_gap_s=max_gap(w),
+        sensors={s: rig["sensors"][s] for s in sensors_of(w.rig)},
+        targets={t: TARGETS[t] for t in targets_of(w.rig)},
+        given=GIVEN.get(w.rig, {}),
+        sessions={name: {k: session[k] for k in keys} for name, session in used.items()},
+        time_offset=clocks_wanted(w),
+        target_alignment=CONFIG["solve"]["estimate"]["target_alignment"] is not False,
+    )
+
+
 def sensor_options(stage, w, **more):
     """The slice of a stage that runs once per sensor."""
     sensor = RIGS[w.rig]["sensors"][w.sensor]
@@ -285,15 +303,17 @@ def modules(name):
 
 
 def last_words():
-    """Every rig's verdict and poses, or what stopped it, as the last lines on the terminal; and all
-    rigs on one page."""
-    told = {}
+    """Every rig's verdict and poses, its preflight where that was asked for, or what stopped it, as
+    the last lines on the terminal; and all rigs on one page."""
+    told, asked = {}, "preflight" in workflow.dag_settings.targets
     for rig in sorted(set(RIG_OF.values())):
         home = Path("results", rig)
         stopped = [line for path in sorted(home.rglob("*.log")) for line in complaint(path)]
         told[rig] = {"sessions": sessions_of(rig), "stopped": stopped}
         if stopped:
             print(f"{rig}: STOPPED", *stopped, sep="\n  ", file=sys.stderr)
+        elif asked and (home / "preflight.txt").exists():
+            print((home / "preflight.txt").read_text(), end="", file=sys.stderr)
         elif (home / "verdict.json").exists():
             page = os.path.relpath(home / "report.html", os.environ.get("PWD", "."))
             print(*results(rig, home), f"report: {page}", sep="\n  ", file=sys.stderr)

@@ -6,7 +6,7 @@ import numpy as np
 
 from calib import clouds, geometry, images, rig, tables, views
 from calib.mocap import NS
-from calib.status import MessageError
+from calib.status import OK, MessageError, failed
 
 TRIMMED_S = 0.05  # σ of a clock that the ends which gate cuts off the rests are enough for
 SPARE = 1.5  # of max_placements: what is kept, for some may prove to be out of view
@@ -160,6 +160,29 @@ def choose(sensor, target, placement, T_robot_target, T_robot_sensor, margin, op
             reason[during] = "enough frames of this placement"
             reason[during[views.evenly(len(during), options["max_frames"])]] = ""
     return reason
+
+
+def seen(name, reasons):
+    """Ok, or why a sensor has no view at all; reasons: against each, "" for those kept."""
+    if "" in reasons:
+        return OK
+    counts = ", ".join(f"{reasons.count(r)} {r}" for r in sorted(set(reasons)))
+    return failed(
+        f"{name} has no view of a target",
+        counts or "no frame",
+        "1 or more",
+        _remedy(reasons),
+    )
+
+
+def _remedy(reasons):
+    """What to do where nothing was kept, for these reasons."""
+    if "seen from behind" in reasons:
+        return (
+            "Turn T_body_target of the board that is seen from behind, if it is mounted the other "
+            "way round: who looks at its face sees x to the right, y up and z towards himself."
+        )
+    return "Check T_robot_sensor and the targets' bodies, or record this sensor's view."
 
 
 def rows(sensor, shapes, frames, placements, poses, margin, content_of, options):

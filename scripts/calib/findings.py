@@ -19,8 +19,8 @@ REMEDY = {
     "lens or of the printed pattern repeats itself",
     "heldout": "see the most influential placements (Cross-validation): one may not have been "
     "still, or something that nobody estimates is wrong",
-    "placements": "hold targets still in more places that it sees; the report says where frames "
-    "were lost",
+    "placements": "hold targets still in more places that it sees, and see where the others were "
+    "lost, and why",
     "correction_sigma": "check the first guess and its sigma; if both are sure, the result is not",
     "settled": "see the rounds in the Appendix, and mend what else is wrong first",
 }

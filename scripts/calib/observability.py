@@ -2,12 +2,16 @@
 
 import numpy as np
 
+from calib import geometry
 from calib.information import eigen
 
 UNDETERMINED = 0.5  # m or rad: a direction known no better than this is not known at all
 ARM = 1.0  # m, at which a turn counts as much as a shift
 PARALLEL_DEG = 10.0  # axes that differ by less have one direction in common
 AXES = "xyz"
+# Of a target's place in its MCS body, in the order of a twist.
+MOUNT = [f"{what} {axis}" for what in ("its place along", "its turn about") for axis in AXES]
+ALIKE_DEG = 5.0  # rms: what turns no farther about any other axis turns about one only
 
 
 def undetermined(information, n_sensors, sensor):
@@ -82,6 +86,27 @@ def spread(directions):
     if len(directions) < 2:
         return None
     return float(np.degrees(np.arccos(np.clip(np.abs(directions @ directions.T), 0, 1)).max()))
+
+
+def tilts(seen):
+    """{"normals", "axes": spread, deg} of what `axes` says, where there are two or more."""
+    found = {k: spread(v) for k, v in seen.items()}
+    return {k: v for k, v in found.items() if v is not None}
+
+
+def turns(T_body):
+    """By how much poses T_body (n, 4, 4), n ≥ 3, turn about their mean: rms (3,), deg, largest
+    first, and the axes of that, rows (3, 3) in the body's frame."""
+    _, xi = geometry.mean(T_body)
+    _, size, axes = np.linalg.svd(xi[:, 3:], full_matrices=False)
+    return np.degrees(size) / np.sqrt(len(xi)), axes
+
+
+def hinge(T_body):
+    """The one axis (3,), in the body's frame, about which poses T_body (n, 4, 4), n ≥ 3, differ;
+    None of those that turn about others too, or not at all."""
+    rms, axes = turns(T_body)
+    return axes[0] if rms[0] > ALIKE_DEG > rms[1] else None
 
 
 def in_common(seen):

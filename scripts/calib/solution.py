@@ -21,9 +21,9 @@ from calib import (
 )
 from calib.information import covariance
 from calib.kinds.assignment import loss_weight
+from calib.observability import MOUNT
 from calib.status import OK, failed
 
-MOUNT = [f"{what} {axis}" for what in ("its place along", "its turn about") for axis in "xyz"]
 HELD = 0.9  # of the σ of a prior: what is known no better is told by nothing else
 PACKAGES = ("casadi", "mcap", "numpy", "opencv-python-headless", "pyarrow", "rosbags", "scipy")
 
@@ -162,9 +162,8 @@ def tests_of(name, setup, result, left):
         none = {"tilt": {}, "fit": {}, "advice": "", "held_out": None, "predicted": None}
         return none | {"corrections": []}
     directions, _ = quality.seen(name, setup, result)
-    tilt = {k: observability.spread(v) for k, v in directions.items() if len(v)}
     return {
-        "tilt": {k: v for k, v in tilt.items() if v is not None},
+        "tilt": observability.tilts(directions),
         "fit": quality.fit(name, setup, result),
         "corrections": refinement.corrections(setup, result, name) if left else [],
         "advice": advice(name, setup, result),

@@ -35,12 +35,11 @@ def of_sensor(name, sensor, limits):
         if c["name"] == "apart"
     ]
     out += measured(name, sensor["rejected"], limits, "rejected", "rejected", PERCENT, " %")
-    out += measured(name, sensor["placements"], limits, "placements", "placements", large=False)
+    out += of_views(name, sensor, limits)
     for kind, fit in sorted(sensor["fit"].items()):
         if not any(f["check"] == "rejected" for f in out):
             out += _rejected(name, kind, fit["rejected"], sensor["left_out"], limits)
         out += _of_fit(name, kind, fit, limits)
-    out += _of_tilt(name, sensor, limits)
     if sensor["held_out"]:
         words = "placements left out differ from what the others predict by, in their σ,"
         out += measured(name, sensor["held_out"]["ratio"], limits, "heldout", words)
@@ -56,6 +55,16 @@ def of_sensor(name, sensor, limits):
         words = "differs from the first guess by, in its σ,"
         out += measured(name, sensor["correction"], limits, "correction_sigma", words)
     return out
+
+
+def of_views(name, sensor, limits):
+    """Findings on how many placements a sensor saw, and on targets that all point the same way.
+
+    sensor: kind, placements, tilt, advice of solution.json, or of what is known before the solve.
+    """
+    n = sensor["placements"]
+    out = measured(name, n, limits, "placements", "placements", large=False)
+    return out + _of_tilt(name, sensor, limits)
 
 
 def _rejected(name, kind, share, left_out, limits):

@@ -79,7 +79,7 @@ def of_target(name, target, limits):
     value = float((np.abs(shift) / prior).max())
     found = level(value, limits, "correction_sigma")
     if found == "pass":
-        return _held(name, target["open"])
+        return of_mount(name, target["open"])
     limit = limits[f"{found}_correction_sigma"]
     mm, deg = np.linalg.norm(shift.reshape(2, 3), axis=1) * [MM, DEG]
     text = (
@@ -90,7 +90,7 @@ def of_target(name, target, limits):
     return [finding("alignment", [], found, text, remedy, value, limit)]
 
 
-def _held(name, directions):
+def of_mount(name, directions):
     """The finding on what nothing tells of a target's place in its body, if there is any."""
     if not directions:
         return []

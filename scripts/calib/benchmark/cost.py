@@ -3,12 +3,15 @@
 import os
 import platform
 import re
+import sys
 import time
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
 from mcap.reader import make_reader
+
+from calib import stage
 
 LINE = re.compile(r"^(\w+) took ([\d.]+) s, ([\d.]+) s CPU, (\d+) MB$", re.MULTILINE)
 STAGES = ("decode", "gate", "guess", "crop", "extract", "associate", "solve", "judge")
@@ -45,15 +48,15 @@ def costs(logs):
     """{stage: Cost} from the texts of the jobs' logs, in the order of the data's flow."""
     found = {}
     for text in logs:
-        for stage, wall, cpu, memory in LINE.findall(text):
-            before = found.get(stage, Cost(0, 0.0, 0.0, 0))
-            found[stage] = Cost(
+        for name, wall, cpu, memory in LINE.findall(text):
+            before = found.get(name, Cost(0, 0.0, 0.0, 0))
+            found[name] = Cost(
                 before.jobs + 1,
                 before.wall + float(wall),
                 before.cpu + float(cpu),
                 max(before.memory, int(memory)),
             )
-    return {stage: found[stage] for stage in STAGES if stage in found}
+    return {name: found[name] for name in STAGES if name in found}
 
 
 def raw_read(log):
@@ -73,3 +76,7 @@ def machine():
     name = model[1] if model else platform.machine()
     packages = ", ".join(f"{p} {version(p)}" for p in PACKAGES)
     return f"{os.cpu_count()} cores of {name}; Python {platform.python_version()}, {packages}"
+
+
+if __name__ == "__main__":
+    stage.run(lambda: raw_read(Path(sys.argv[1])))

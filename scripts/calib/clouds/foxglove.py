@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib import geometry, headers
+from calib import headers
 from calib.clouds import pointcloud2, raw
 from calib.status import MessageError
 
@@ -22,6 +22,8 @@ def read(message):
 
 def _placed(fields, pose):
     """x, y, z by the pose of the points in the message's frame; as they are where it says none."""
+    from calib import geometry  # 0.5 s of SciPy, which most logs need not pay
+
     p, q = pose.position, pose.orientation
     quat = np.array([q.x, q.y, q.z, q.w])
     if not np.isfinite([p.x, p.y, p.z, *quat]).all():

@@ -5,15 +5,13 @@ import numpy as np
 from calib import headers
 from calib.clouds import raw
 
-# Name and type of what is read of a point; the message lists points as objects.
-FIELDS = {"x": "f4", "y": "f4", "z": "f4", "line": "u1", "offset_time": "i8"}
+FIELDS = {"x": "f4", "y": "f4", "z": "f4", "line": "u1", "offset_time": "i8"}  # of a point
 
 
 def read(message):
-    """Raw of all points; offset_time is on the clock of the time base, ns."""
+    """Raw of all points (logs.structures); offset_time is on the clock of the time base, ns."""
     n = len(message.points)
-    fields = {k: np.fromiter((getattr(p, k) for p in message.points), t, n)
-              for k, t in FIELDS.items()}  # fmt: skip
+    fields = {k: message.points[k].astype(t) for k, t in FIELDS.items()}
     # Hostile values wrap around and are found too far from the stamp.
     fields["offset_time"] += np.uint64(message.timebase).astype(np.int64)
     return raw.of(headers.stamp_ns(message), fields, (1, n))

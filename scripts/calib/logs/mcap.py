@@ -28,6 +28,7 @@ class McapLog:
             piece._replace(file=n) for n, (index, _) in enumerate(found) for piece in index.pieces
         )
         self.start = self._pieces[0].start if self._pieces else 0
+        self._opened = None, None  # number of a file, and the stream
 
     @property
     def faults(self):
@@ -49,7 +50,7 @@ class McapLog:
             _, before = self.topics.get(channel.topic, (name, 0))
             self.topics[channel.topic] = (name, before + index.counts.get(number, 0))
             if schema:
-                text = schema.data.decode(errors="replace")
+                text = bytes(schema.data).decode(errors="replace")
                 self._types.define(name, schema.encoding, text)
             out[number] = (channel.topic, self._types.codec(name, channel.message_encoding))
         return out
@@ -91,8 +92,7 @@ class McapLog:
         """Entries of the messages of a piece; none, and a fault of the log, if it is damaged."""
         path = self.files[piece.file]
         try:
-            with mcap_index.File(path) as stream:
-                records = mcap_index.messages(stream, piece)
+            records = mcap_index.messages(self._stream(piece.file), piece)
         except OSError as error:
             raise InputError(f"{path}: cannot be read ({in_a_line(error)})") from error
         except Exception:  # whatever the library makes of a damaged chunk
@@ -103,6 +103,14 @@ class McapLog:
         self._untimely |= {e[1:4] for e in entries if e[0] >= late}
         first, last = start or 0, late if end is None else end
         return [e for e in entries if first <= e[0] < last and e[-1].channel_id in channels]
+
+    def _stream(self, number):
+        """A file, which stays open until another is wanted."""
+        last, stream = self._opened
+        if last != number:
+            stream = mcap_index.File(self.files[number])
+            self._opened = number, stream
+        return stream
 
     def message(self, topic, file, log_t, ordinal):
         """The content of one message, at its place in the log."""

@@ -2,13 +2,13 @@
 
 import io
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, DataEnd, Message, Schema
-from mcap.stream_reader import MAGIC_SIZE, StreamReader, breakup_chunk
+from mcap.stream_reader import MAGIC_SIZE, StreamReader
 
 from calib.logs import unpacking
 from calib.status import InputError, in_a_line
@@ -65,6 +65,18 @@ class File(io.BufferedReader):
         return super().read(n)
 
 
+class Slices:
+    """Bytes as a stream; what is read of them is a part of them and no copy."""
+
+    def __init__(self, data):
+        self.data, self.at = memoryview(data), 0
+
+    def read(self, n):
+        part = self.data[self.at : self.at + n]
+        self.at += len(part)
+        return part
+
+
 def read(path):
     """The Index of the MCAP file at path; its pieces are those of file 0.
 
@@ -96,7 +108,7 @@ def messages(stream, piece):
     out = []
     for record in StreamReader(stream, skip_magic=True, emit_chunks=True).records:
         if isinstance(record, Chunk):
-            out += [r for r in breakup_chunk(unpacked(record)) if isinstance(r, Message)]
+            out += [r for r in inside(record) if isinstance(r, Message)]
         elif isinstance(record, Message):
             out.append(record)
         if stream.tell() >= piece.offset + piece.length:
@@ -104,8 +116,21 @@ def messages(stream, piece):
     return out
 
 
+def inside(chunk):
+    """The records of a chunk, in order; their data are parts of the chunk's, not copies."""
+    slices = Slices(unpacked(chunk))
+    out = []
+    try:
+        for record in StreamReader(slices, skip_magic=True, emit_chunks=True).records:
+            out.append(record)
+    except EndOfFile:  # how a stream without a footer ends; if not at its end, it is damaged
+        if slices.at < len(slices.data):
+            raise
+    return out
+
+
 def unpacked(chunk):
-    """The chunk without compression; raises where it is not of the size that it declares."""
+    """Bytes of a chunk; raises where they are not as many as it declares."""
     size = chunk.uncompressed_size
     if size > unpacking.LARGEST:
         raise unpacking.TooLarge(f"a chunk of {size} bytes")
@@ -114,7 +139,7 @@ def unpacked(chunk):
     data = UNPACK[chunk.compression](chunk.data, size)
     if len(data) != size:
         raise McapError(f"a chunk of {len(data)} bytes instead of {size}")
-    return replace(chunk, compression="", data=data)
+    return data
 
 
 UNPACK = {
@@ -194,11 +219,11 @@ def _take(found, record, offset, length):
         _extend(found, _piece([record], offset, length))
         found.counts[record.channel_id] += 1
     elif isinstance(record, Chunk):
-        inside = breakup_chunk(unpacked(record))
-        for r in inside:
+        records = inside(record)
+        for r in records:
             if isinstance(r, Schema | Channel):
                 _take(found, r, offset, length)
-        held = [r for r in inside if isinstance(r, Message) and r.log_time < LATEST]
+        held = [r for r in records if isinstance(r, Message) and r.log_time < LATEST]
         found.counts.update(r.channel_id for r in held)
         if held:
             found.pieces.append(_piece(held, offset, length))

@@ -6,7 +6,7 @@ from functools import cache, cached_property
 
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from calib.logs import unpacking
+from calib.logs import structures, unpacking
 from calib.status import InputError, in_a_line
 
 NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
@@ -122,6 +122,8 @@ class Codec:
         try:
             data = unpacking.message(data)
             store.max_sequence_length = max(1, len(data))
+            if self.type in structures.LISTS:
+                return structures.content(data, self.type, self.serialisation, store)
             return read(data, self.type)
         except Exception as error:  # whatever rosbags makes of foreign bytes
             raise self._unreadable(error) from error
