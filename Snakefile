@@ -15,6 +15,7 @@ configfile: "config/config.yaml"
 report: "workflow/report/workflow.rst"
 
 
+include: "workflow/alone.smk"
 include: "workflow/common.smk"
 
 

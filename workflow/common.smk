@@ -20,6 +20,7 @@ from snakemake.exceptions import WorkflowError
 # Jobs find the interpreter of Snakemake itself, whether or not its environment is activated.
 shell.prefix(
     f"set -euo pipefail; export PATH={shlex.quote(str(Path(sys.executable).parent))}:$PATH; "
+    + SHARE
 )
 
 

@@ -65,8 +65,7 @@ def limit_threads():
 def write_json(path, content):
     """Write content as sorted, indented JSON; NaN and infinity are an error."""
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n"
-    with files.whole(path) as part:
-        part.write_text(text)
+    files.write(path, text)
 
 
 def read_json(path):
