@@ -10,6 +10,7 @@ import pytest
 
 import containers
 from calib import logs
+from calib.benchmark.damage import DAMAGES
 from calib.status import InputError
 from test_intake import taken
 
@@ -36,36 +37,6 @@ def at_most(seconds):
     finally:
         signal.alarm(0)
         signal.signal(signal.SIGALRM, before)
-
-
-def flipped(data, rng):
-    """Some bits wrong, anywhere."""
-    for at in rng.integers(0, len(data), rng.integers(1, 12)):
-        data[at] ^= 1 << rng.integers(8)
-    return data
-
-
-def cut(data, rng):
-    """The end missing, from anywhere."""
-    return data[: rng.integers(0, len(data))]
-
-
-def overwritten(data, rng):
-    """A stretch of other bytes: zeros, ones, or anything."""
-    n = int(rng.integers(1, 64))
-    at = int(rng.integers(0, max(1, len(data) - n)))
-    data[at : at + n] = [bytes(n), b"\xff" * n, rng.bytes(n)][rng.integers(3)]
-    return data
-
-
-def shortened(data, rng):
-    """A stretch missing within."""
-    at = int(rng.integers(0, len(data)))
-    del data[at : at + int(rng.integers(1, 200))]
-    return data
-
-
-DAMAGES = (flipped, cut, overwritten, shortened)
 
 
 @pytest.fixture(scope="module")

@@ -18,10 +18,11 @@ LEAST_FREE = 1 << 20  # bytes; with fewer Snakemake cannot keep its books
 SHARE = f"{{{{ exec 9<{STATE}/alive && flock -s 9; }}}} 2>/dev/null || true; "
 
 
-def require_room():
-    """Stop in words where the disk is so full that Snakemake itself would break off."""
-    if shutil.disk_usage(".").free < LEAST_FREE:
-        raise WorkflowError(f"{Path.cwd()}: no space left on its disk; free some and run again")
+def no_room():
+    """In words, that the disk is full; empty where it is not."""
+    if shutil.disk_usage(".").free >= LEAST_FREE:
+        return ""
+    return f"{Path.cwd()}: no space left on its disk; free some and run again"
 
 
 def share_lock():
@@ -46,5 +47,6 @@ def alone(held):
     return True
 
 
-require_room()
+if no_room():
+    raise WorkflowError(no_room())
 ALIVE = share_lock()

@@ -299,7 +299,9 @@ def last_words():
         elif (home / "verdict.json").exists():
             page = os.path.relpath(home / "report.html", os.environ.get("PWD", "."))
             print(*results(rig, home), f"report: {page}", sep="\n  ", file=sys.stderr)
-    if Path("results").is_dir():
+    if words := no_room():
+        print(words, file=sys.stderr)
+    elif Path("results").is_dir():
         write_index(told)
 
 
