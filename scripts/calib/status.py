@@ -1,5 +1,6 @@
 """How a fault of the data travels: as data, never as an exception."""
 
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 
 
@@ -42,6 +43,16 @@ OK = Status()
 def failed(reason, found="", expected="", remedy=""):
     """A status that is not ok."""
     return Status(False, reason, str(found), str(expected), remedy)
+
+
+@contextmanager
+def as_defined(name):
+    """Raises MessageError where a message of the type so named lacks what its type should have: a
+    log brings its own definitions, and they may be damaged or of another version."""
+    try:
+        yield
+    except (AttributeError, TypeError, ValueError) as error:
+        raise MessageError(f"{name} is not defined as ROS does it ({in_a_line(error)})") from error
 
 
 def in_a_line(error):

@@ -26,7 +26,7 @@ import numpy as np
 
 import decode
 import gate
-from calib import config, cropping, logs, rig, stage, tables, targets
+from calib import config, cropping, logs, rig, stage, tables, targets, yamls
 from calib.benchmark import fuzz_configs, fuzz_logs, hostile
 from calib.benchmark.damage import DAMAGES
 from calib.status import InputError
@@ -81,7 +81,7 @@ def damaged_config(folder, rng):
         path = folder / "config" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-    stated = config.load_yaml(folder / "config/config.yaml")
+    stated = yamls.load(folder / "config/config.yaml")
     settings, rigs, bodies = config.load(stated, folder / "config")
     json.dumps([settings, rigs, bodies], sort_keys=True, allow_nan=False)
     for name in rigs:

@@ -96,6 +96,8 @@ def _values(content, rng):
             parent[_value(rng, 0) if rng.random() < 0.5 else "unknown"] = parent.pop(key)
         elif rng.random() < 0.2:
             del parent[key]
+        elif rng.random() < 0.6:
+            parent[key] = _like(parent[key], rng)
         else:
             parent[key] = _value(rng, 2)
         if not content:
@@ -112,6 +114,19 @@ def _place(content, rng):
         places += [(here, key) for key in keys]
         todo += [here[key] for key in keys if isinstance(here[key], dict | list) and here[key]]
     return places[rng.integers(len(places))]
+
+
+def _like(value, rng):
+    """Another value of the same kind; a list or mapping with a part less or twice."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int | float):
+        return rng.choice([value * 2, -value, 0, 1e-12, 1e12, value + 0.5]).item()
+    if isinstance(value, str):
+        return TEXTS[rng.integers(len(TEXTS))]
+    if isinstance(value, list):
+        return [value[:-1], value + value[:1], value[::-1]][rng.integers(3)]
+    return dict(list(value.items())[:-1])
 
 
 def _value(rng, depth):

@@ -94,10 +94,8 @@ def _cloud(t):
     shape = {"height": 1, "width": 6, "point_step": layout.itemsize}
     shape["row_step"] = 6 * layout.itemsize
     flags = {"is_bigendian": False, "is_dense": True}
-    data = points.view(np.uint8)
-    return _make(
-        record.CLOUD, header=_header(t, "lidar"), fields=fields, data=data, **shape, **flags
-    )
+    about = {"header": _header(t, "lidar"), "fields": fields, "data": points.view(np.uint8)}
+    return _make(record.CLOUD, **about, **shape, **flags)
 
 
 def _livox(t):

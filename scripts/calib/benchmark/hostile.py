@@ -1,7 +1,7 @@
 """Logs whose bytes are as they should be, and whose messages say what no driver means."""
 
 import copy
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 
 import numpy as np
 
@@ -19,7 +19,7 @@ TEXTS = (
 
 
 def messages(names, rng):
-    """Rows of a recording of sensors, some of whose messages have hostile values in their fields."""
+    """Rows of a recording of sensors, with hostile values in the fields of some messages."""
     out = copy.deepcopy(rows(names))
     for number in rng.choice(len(out), int(rng.integers(1, 5)), replace=False):
         log_t, topic, name, message = out[number]
@@ -41,10 +41,9 @@ def _time(log_t, rng):
 
 def _spoil(message, rng):
     """Put a hostile value into one field of a message, at any depth."""
-    names = [f.name for f in fields(message) if not f.name.startswith("__")]
-    name = names[rng.integers(len(names))]
-    kind = STORE.fielddefs[message.__msgtype__][1]
-    value, about = getattr(message, name), dict(kind)[name]
+    known = STORE.fielddefs[message.__msgtype__][1]
+    name, about = known[rng.integers(len(known))]
+    value = getattr(message, name)
     if is_dataclass(value):
         return _spoil(value, rng)
     if isinstance(value, list) and value and is_dataclass(value[0]) and rng.random() < 0.7:
