@@ -16,7 +16,7 @@ from pathlib import Path
 
 import yaml
 
-from calib.benchmark import chart, collect, cost, many, measure, page, plan, rows, statistics
+from calib.benchmark import chart, collect, cost, fuzz, many, measure, page, plan, rows, statistics
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -135,7 +135,8 @@ def main(argv=None):
     draws = args.draws or (4 if args.quick else 100)
     sizes = rows.cases(args.quick), 5 if args.quick else 30, draws
     lines, speeds, found = measured(args.work.resolve(), *sizes, args)
-    text = page.whole(lines, speeds, found, args.quick)
+    inputs = fuzz.everything(500 if args.quick else 10_000, 1, args.cores)
+    text = page.whole(lines, speeds, found, inputs, args.quick)
     print(text)
     if not args.quick:
         args.docs.mkdir(parents=True, exist_ok=True)

@@ -14,6 +14,7 @@ from calib.benchmark import (
     chart,
     cost,
     coverage,
+    fuzz,
     measure,
     page,
     plan,
@@ -190,6 +191,10 @@ def drawn(factor, count=100, size=1.0):
 
 RUN = cost.Speed("1 lidar", {"solve": cost.Cost(1, 2.5, 2, 90)}, 11.0, 2.0, [(20, 95), (300, 97)])
 COVERED = coverage.Coverage("lidar", 1000, {"velodyne": 0.95}, {"velodyne": 1.0}, {"velodyne": 6})
+INPUTS = [
+    fuzz.Outcome("config", 1, "refused", "no name", 0.02, 120.0),
+    fuzz.Outcome("hostile log", 7, "broken", "Traceback\nKeyError: 'x'\n", 2.5, 640.0),
+]
 FOUND = ({("diamond-lidar-noisy", 15): drawn(1.0)}, [COVERED], {"camera": drawn(1.0, 20)})
 
 
@@ -212,7 +217,7 @@ def test_one_log_with_noise_is_shown_but_held_to_no_goal():
 
 def test_what_is_not_reached_is_said_with_its_factor_and_nothing_else_is():
     missed = made_up("diamond-lidar", 30, (0.003, 0.00005))
-    text = page.missed([missed], RUN, FOUND)
+    text = page.missed([missed], RUN, FOUND, INPUTS)
     assert "N = 30: 0.003 mm is 3 × the goal, 0.001 mm" in text
     assert "°" not in text.split("N = 30")[1].splitlines()[0]
     assert "solve: 2.5 s, goal 1 s" in text and "not yet measured here" in text
@@ -225,8 +230,13 @@ def test_the_baseline_is_shown_but_not_held_to_the_goals():
 
 def test_the_page_holds_all_parts_and_the_chart_is_the_same_bytes_twice():
     lines = [made_up("diamond-lidar", 5, (5.0, 0.6)), made_up("diamond-lidar-noisy", 15, (0.1, 1))]
-    text = page.whole(lines, RUN, FOUND, quick=True)
+    text = page.whole(lines, RUN, FOUND, INPUTS, quick=True)
     assert "make benchmark-quick" in text and "95 MB on a log of 20 MB" in text
+    assert (
+        "| hostile log | 1 | 0 | 0 | 0 | 1 |" in text and "| config | 1 | 0 | 0 | 1 | 0 |" in text
+    )
+    assert "took 2.5 s" in text and "* damaged input took 640 MB, goal 500 MB." in text
+    assert "* 1 cases of damaged input broke, first 7: KeyError: 'x'." in text
     assert chart.svg(lines, FOUND[0]) == chart.svg(lines, FOUND[0])
 
 

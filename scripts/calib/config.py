@@ -92,7 +92,7 @@ def _explain(error):
     if error.validator == "not":
         return f"{path}: {error.instance} is a reserved name; choose another"
     if error.validator == "pattern":
-        remedy = "use a-z, 0-9, _ and -, first a letter or digit"
+        remedy = "use a-z, 0-9, _ and -, first a letter or digit, 64 at most"
         return f"{path}: {error.instance!r} is no name; {remedy}"
     return f"{path}: {error.message}"
 

@@ -2,6 +2,7 @@
 
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from unicodedata import category
 
 
 class InputError(Exception):
@@ -53,6 +54,18 @@ def as_defined(name):
         yield
     except (AttributeError, TypeError, ValueError) as error:
         raise MessageError(f"{name} is not defined as ROS does it ({in_a_line(error)})") from error
+
+
+def printable(text):
+    """A text without what a terminal would obey: control and format characters are written out.
+
+    Names from a log or a config may hold any.
+    """
+    return "".join(c if category(c)[0] != "C" or c == "\n" else _written(c) for c in text)
+
+
+def _written(character):
+    return character.encode("unicode_escape", "surrogatepass").decode()
 
 
 def in_a_line(error):

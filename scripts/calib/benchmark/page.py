@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib.benchmark import cost, measure
+from calib.benchmark import cost, fuzz_page, measure
 from calib.benchmark import statistics_page as many
 from calib.benchmark.rows import DEFAULT, ENSEMBLE, HELD, NOT_MEASURED, SINGLE
 from calib.benchmark.text import both, digits, over, ratio, table
@@ -79,11 +79,11 @@ def slow(run):
     return out
 
 
-def missed(lines, run, found):
+def missed(lines, run, found, inputs):
     """Everything that is not reached, one sentence each, as a Markdown list; found: (draws,
-    coverage, full runs) as many.short_of takes them."""
+    coverage, full runs) as many.short_of takes them; inputs: fuzz.Outcomes."""
     sentences = [s for line in lines for s in short_of(line)] + many.short_of(*found)
-    sentences += slow(run) + list(NOT_MEASURED)
+    sentences += slow(run) + fuzz_page.short_of(inputs) + list(NOT_MEASURED)
     return "\n".join(f"* {s}." for s in sentences)
 
 
@@ -123,8 +123,9 @@ def decoding(run):
     )
 
 
-def whole(lines, run, found, quick):
-    """The page; found: (draws, coverage, full runs); quick: only the smallest N."""
+def whole(lines, run, found, inputs, quick):
+    """The page; found: (draws, coverage, full runs); inputs: fuzz.Outcomes; quick: only the
+    smallest N."""
     parts = {
         "command": "make benchmark-quick" if quick else "make benchmark",
         "machine": cost.machine(),
@@ -133,13 +134,14 @@ def whole(lines, run, found, quick):
         "covered": many.covered(found[1]),
         "full": many.full(found[2]),
         "held": " to ".join(f"{100 * h:g}" for h in HELD),
-        "missed": missed(lines, run, found),
+        "missed": missed(lines, run, found, inputs),
         "pixels": pixels(lines),
         "about": run.about,
         "speed": speed(run),
         "wall": digits(run.wall),
         "decoding": decoding(run),
         "memory": memory(run),
+        "damaged": fuzz_page.section(inputs),
         "ensemble": ENSEMBLE,
         "single": SINGLE,
     }
@@ -217,6 +219,10 @@ case is 2 lidars + 1 camera, 30 placements each, 1.7 GB.
 {speed}
 
 {decoding} {memory}
+
+## Damaged input
+
+{damaged}
 
 ## Not reached
 
