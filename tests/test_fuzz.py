@@ -39,7 +39,7 @@ def test_no_case_takes_more_memory_than_a_good_log(outcomes):
 
 def test_a_case_is_the_same_for_the_same_seed_and_another_for_another():
     first, again, other = (fuzz.outcomes([0, 2], seed)[1] for seed in (3, 3, 4))
-    assert (first.end, first.words[-80:]) == (again.end, again.words[-80:])
+    assert (first.end, first.words) == (again.end, again.words)
     assert first.words != other.words
 
 
@@ -138,7 +138,7 @@ UNREAD = {
     "day: 2026-13-45": "month must be in 1..12",
     "n: " + "9" * 5000: "4300 digits",
     b"\xff\xfe\x00": "not valid YAML",
-    "a: [1": "line 1: not valid YAML: expected ',' or ']'",
+    "a: [1": "not valid YAML: expected ',' or ']', but got '<stream end>', line 1",
     "#" * (1 << 20) + "\na: 1": "larger than 1048576 bytes",
 }
 
@@ -159,7 +159,5 @@ def test_yaml_keeps_anchors_that_people_use(tmp_path):
 @pytest.mark.parametrize("value", [".nan", ".inf", "1.0e+40", "1" * 400])
 def test_a_number_that_nothing_has_is_refused_with_its_key(value, tmp_path):
     content = yamls.load(written(tmp_path, f"gate: {{window_s: {value}}}"))
-    with pytest.raises(
-        InputError, match="x.yaml: gate.window_s: .* is no number that anything has"
-    ):
+    with pytest.raises(InputError, match="x.yaml: gate.window_s: .* is no number that any has"):
         config.complete("config", content, "x.yaml")

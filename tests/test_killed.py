@@ -5,10 +5,13 @@ kernel's limit of a file's size strikes while a file is half written, and there 
 alone or with all of the run; or the disk, a small one of memory, is filled when the stage begins.
 """
 
+import fcntl
 import os
 import shutil
 import signal
 import subprocess
+import time
+from contextlib import contextmanager
 
 import pytest
 
@@ -148,3 +151,47 @@ def test_a_disk_that_fills_is_one_clear_line_and_made_up_for_by_the_same_command
     require_whole(work / "full", finished)
     assert not pieces(work / "full")
     assert digests(work / "after") == digests(finished)
+
+
+# --- who may run beside whom
+
+HOLD = """
+    import time
+    while not os.path.exists("go"):
+        time.sleep(0.05)
+"""
+
+
+@contextmanager
+def held(folder, site, stage="judge"):
+    """A run whose one stage waits for a file `go`; with its process."""
+    without(folder, stage)
+    env = disaster(site, stage, HOLD)
+    run = subprocess.Popen(command(folder, stage), env=env, stderr=subprocess.DEVNULL)
+    log = folder / f"{RIG}/{stage}.log"
+    log.unlink()
+    while not log.exists():
+        assert run.poll() is None
+        time.sleep(0.05)
+    yield run
+    (folder / "go").touch()
+    run.wait()
+
+
+def test_a_run_beside_a_living_one_is_refused(finished, again, tmp_path_factory):
+    with held(again, tmp_path_factory.mktemp("site")) as run:
+        second = runs.snakemake(again, STAGES["judge"][0])
+        assert second.returncode == 1 and "cannot be locked" in second.stderr
+    assert run.returncode == 0 and digests(again) == digests(finished)
+
+
+def test_a_job_that_outlives_its_run_is_waited_for(finished, again, tmp_path_factory):
+    with held(again, tmp_path_factory.mktemp("site")) as run:
+        run.kill()
+        run.wait()
+        second = runs.snakemake(again, STAGES["judge"][0])
+        assert second.returncode == 1 and "cannot be locked" in second.stderr
+    with (again / ".snakemake/alive").open() as alive:
+        fcntl.flock(alive, fcntl.LOCK_EX)  # until the job has ended
+    runs.completed(again, STAGES["judge"][0])
+    assert digests(again) == digests(finished)

@@ -64,7 +64,7 @@ def _finite(value, where, path=()):
     for key, part in inside:
         _finite(part, where, (*path, str(key)))
     if isinstance(value, int | float) and not abs(value) < LARGEST:
-        raise InputError(f"{where}: {'.'.join(path)}: {value:.3g} is no number that anything has")
+        raise InputError(f"{where}: {'.'.join(path)}: {str(value)[:20]} is no number that any has")
 
 
 def defaults():

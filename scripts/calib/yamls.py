@@ -26,7 +26,7 @@ def load(path):
         return loader.construct_document(node)
     except yaml.MarkedYAMLError as error:
         at = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
-        raise InputError(f"{path}{at}: not valid YAML: {error.problem}") from None
+        raise InputError(f"{path}: not valid YAML: {error.problem}{at}") from None
     except RecursionError:
         raise InputError(f"{path}: not valid YAML: nested too deeply") from None
     except InputError:

@@ -173,6 +173,7 @@ def outcome(number, seed):
     rng, begin = np.random.default_rng([seed, number]), time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         end, words = _ended(KINDS[kind], Path(folder), rng)
+        words = words.replace(folder, "")
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return Outcome(kind, number, end, words, time.perf_counter() - begin, memory)
 

@@ -126,7 +126,7 @@ def _like(value, rng):
         return TEXTS[rng.integers(len(TEXTS))]
     if isinstance(value, list):
         return [value[:-1], value + value[:1], value[::-1]][rng.integers(3)]
-    return dict(list(value.items())[:-1])
+    return dict(list(value.items())[:-1]) if value else value
 
 
 def _value(rng, depth):
