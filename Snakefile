@@ -9,13 +9,15 @@ from snakemake.utils import min_version
 min_version("9.0")
 
 
+include: "workflow/alone.smk"
+
+
 configfile: "config/config.yaml"
 
 
 report: "workflow/report/workflow.rst"
 
 
-include: "workflow/alone.smk"
 include: "workflow/common.smk"
 
 

@@ -1,5 +1,8 @@
-"""What a run makes sure of before it begins: room on the disk, and locks with a run behind them.
+"""What a run makes sure of before it begins: a config that may be read, room on the disk, and locks
+with a run behind them.
 
+Snakemake reads config.yaml with less care than calib.yamls: it takes the last of a key that stands
+twice, and unfolds every alias.
 Snakemake's lock outlives a run that was killed; one of the kernel does not. Every run shares one,
 and so does every job, for jobs go on for a while where Snakemake alone was killed. Who gets it for
 himself may remove what dead runs have locked, and nobody has to type --unlock.
@@ -7,11 +10,17 @@ himself may remove what dead runs have locked, and nobody has to type --unlock.
 
 import fcntl
 import shutil
+import sys
 from contextlib import suppress
 from pathlib import Path
 
+sys.path.insert(0, str(Path(workflow.basedir) / "scripts"))
+
+from calib import yamls
+from calib.status import InputError, printable
 from snakemake.exceptions import WorkflowError
 
+CONFIG_FILE = Path("config/config.yaml")
 STATE = Path(".snakemake")
 LEAST_FREE = 1 << 20  # bytes; with fewer Snakemake cannot keep its books
 # Before the command of a job: its shell and what that starts share the lock. Snakemake fills braces.
@@ -47,6 +56,16 @@ def alone(held):
     return True
 
 
+def require_readable():
+    """Stop in words where the config is none that anybody would write."""
+    try:
+        yamls.load(CONFIG_FILE)
+    except InputError as error:
+        raise WorkflowError(printable(str(error)))
+
+
 if no_room():
     raise WorkflowError(no_room())
+if CONFIG_FILE.is_file():
+    require_readable()
 ALIVE = share_lock()

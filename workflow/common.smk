@@ -10,7 +10,6 @@ from functools import cache
 from pathlib import Path
 
 SCRIPTS = Path(workflow.basedir) / "scripts"
-sys.path.insert(0, str(SCRIPTS))
 
 from calib import logs, priors
 from calib.config import load

@@ -99,8 +99,6 @@ def _explain(error):
 
 def load(config, folder="config"):
     """(config, rigs, targets) by name, complete, of a loaded config.yaml and its folder."""
-    if Path(folder, "config.yaml").is_file():
-        yamls.load(Path(folder, "config.yaml"))  # whoever loaded it may have let pass a key twice
     config = complete("config", config, f"{folder}/config.yaml")
     names = sorted({s["rig"] for s in config["sessions"].values()})
     rigs = {n: _rig(f"{folder}/rigs/{n}.yaml") for n in names}
