@@ -117,7 +117,7 @@ def test_a_name_that_would_leave_its_folder_is_refused(where, name, tmp_path):
     for path, content in good.items():
         (tmp_path / path).parent.mkdir(exist_ok=True)
         (tmp_path / path).write_text(yaml.safe_dump(content))
-    with pytest.raises(InputError, match="is no name"):
+    with pytest.raises(InputError, match="is no name|is a reserved name"):
         config.load(settings, tmp_path)
 
 
