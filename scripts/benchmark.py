@@ -20,8 +20,11 @@ from calib.benchmark import (
     chart,
     collect,
     cost,
+    fuzz,
+    fuzz_page,
     ingest,
     lab,
+    lab_page,
     many,
     measure,
     page,
@@ -175,8 +178,12 @@ def main(argv=None):
     draws = args.draws or (4 if args.quick else 100)
     sizes = rows.cases(args.quick), 5 if args.quick else 30, draws
     lines, speeds, found = measured(args.work.resolve(), *sizes, args)
-    ingested = ingest.measured(args.work.resolve() / "ingest", args.quick)
-    text = page.whole(lines, speeds, found, ingested, args.quick)
+    sections = [
+        lab_page.section(lab_runs(args.work.resolve() / "lab", args.quick, args)),
+        ingest.section(ingest.measured(args.work.resolve() / "ingest", args.quick)),
+        fuzz_page.section(fuzz.everything(500 if args.quick else 10_000, 1, args.cores)),
+    ]
+    text = page.whole(lines, speeds, found, sections, args.quick)
     print(text)
     if not args.quick:
         args.docs.mkdir(parents=True, exist_ok=True)

@@ -10,7 +10,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from calib import config, sheet, targets
+from calib import config, sheet, targets, yamls
 from calib.status import InputError
 
 
@@ -28,7 +28,7 @@ def parse(argv):
 
 def draw(path, out, page, turn_deg):
     """Write the sheet of a target's config; its size (2,), mm."""
-    block = config.complete("target", config.load_yaml(path), path)
+    block = config.complete("target", yamls.load(path), path)
     if block["shape"] != "board":
         raise InputError(f"{path}: shape {block['shape']}; only a board can be printed")
     laid_out = sheet.lay_out(targets.from_config(block), path.stem, page, turn_deg)

@@ -9,12 +9,10 @@ Writes  export/*, unless the verdict is fail; what stood there before is removed
 
 import os
 import shutil
-import tempfile
-from pathlib import Path
 
 import numpy as np
 
-from calib import formats, history, mounting, stage, tables, urdf
+from calib import files, formats, history, mounting, stage, tables, urdf
 from calib.formats import index
 from calib.formats.scene import scene, session
 from calib.stage import logger
@@ -63,17 +61,13 @@ def patch(path, described):
 
 
 def replace(path, data, like):
-    """Write a file in one step, with the permissions of another."""
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as new:
-        try:
+    """Write a file in one step, with the permissions of another, and through to the disk."""
+    with files.whole(path) as part:
+        with part.open("wb") as new:
             new.write(data)
             new.flush()
             os.fsync(new.fileno())
-            shutil.copymode(like, new.name)
-            os.replace(new.name, path)
-        except BaseException:
-            Path(new.name).unlink(missing_ok=True)
-            raise
+        shutil.copymode(like, part)
 
 
 def write(folder, described):
@@ -86,11 +80,11 @@ def write(folder, described):
             if isinstance(content, Status):
                 logger.warning("not written: %s: %s", file, content)
                 continue
+            data = content.encode() if isinstance(content, str) else content
             path = folder / file
             path.parent.mkdir(parents=True, exist_ok=True)
-            data = content.encode() if isinstance(content, str) else content
             path.write_bytes(data)
-            logger.info("wrote %s (%s, %d bytes)", path, name, len(data))
+            logger.info("wrote %s (%s, %d bytes)", file, name, len(data))
     return out
 
 
@@ -107,7 +101,7 @@ def main(argv=None):
         history="folder of the calibrations that were accepted",
         options="slice of the config",
     ).parse_args(argv)
-    shutil.rmtree(args.output, ignore_errors=True)
+    files.remove_folder(args.output)
     calibration, judged = stage.read_json(args.calibration), stage.read_json(args.verdict)
     if judged["verdict"] == "fail":
         raise InputError(
@@ -120,10 +114,11 @@ def main(argv=None):
         logger.info("%s: placed %s", path, ", ".join(sorted(placed)) or "no joint")
         for name, status in sorted(unplaced.items()):
             logger.warning("%s: %s is not placed: %s", path, name, status)
-    args.output.mkdir(parents=True)
-    written = write(args.output, described)
-    (args.output / index.FILE).write_text(index.render(described, written, judged, mounted))
-    logger.info("accepted as %s", history.accept(args.history, calibration))
+    with files.whole_folder(args.output) as folder:
+        written = write(folder, described)
+        (folder / index.FILE).write_text(index.render(described, written, judged, mounted))
+        accepted = history.accept(args.history, calibration)
+    logger.info("accepted as %s", accepted)
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ def white_covariance(T_robot_body, sigma):
 
 def at_middle(relative, span):
     """The pose nearest the middle of a moving span, as columns: not averaged, not to be trusted."""
-    T = relative.T[np.abs(relative.t - (span[0] + span[1]) // 2).argmin()]
+    T = relative.T[np.abs(relative.t - (span[0] + (span[1] - span[0]) // 2)).argmin()]
     return {
         "xyz": T[:3, 3],
         "quat": geometry.to_quat(T),

@@ -6,7 +6,7 @@ Writes  index.html, complete in itself but for its links
 Decides nothing; a rig whose jobs stopped is shown with what stopped them.
 """
 
-from calib import history, stage
+from calib import files, history, stage
 from calib.report import html, overview
 from calib.stage import logger
 from calib.status import InputError
@@ -49,7 +49,7 @@ def main(argv=None):
     rigs = sorted(args.options["rigs"].items())
     told = [of_rig(args.results / n, r["sessions"], r["stopped"]) for n, r in rigs]
     page = html.render(args.templates, "index.html.j2", {"rigs": told})
-    args.output.write_text(page)
+    files.write(args.output, page)
     logger.info("%s: %d rigs", args.output, len(told))
 
 

@@ -10,7 +10,7 @@ Decides nothing; what could not be done is shown with its reason, found, expecte
 
 from plotly.offline import get_plotlyjs
 
-from calib import stage
+from calib import files, stage
 from calib.report import (
     correlation_figure,
     coverage,
@@ -215,15 +215,15 @@ def write_figures(paths, shown):
     }
     for path in paths:
         parts = [d for d in drawn[path.stem] if d]
-        path.write_text(plots.sheet(parts, COLUMNS[path.stem]))
+        files.write(path, plots.sheet(parts, COLUMNS[path.stem]))
 
 
 def main(argv=None):
     args = arguments(argv)
     run = read_run(args)
     shown = content(run)
-    args.html.write_text(on_screen(args.templates, shown))
-    args.pdf.write_bytes(on_paper(args.templates, shown))
+    files.write(args.html, on_screen(args.templates, shown))
+    files.write(args.pdf, on_paper(args.templates, shown))
     write_figures(args.figures, shown)
     sizes = args.html.stat().st_size, args.pdf.stat().st_size
     logger.info("%s: %s, %d and %d bytes", run.options["rig"], run.verdict["verdict"], *sizes)

@@ -14,6 +14,8 @@ from calib.benchmark import (
     chart,
     cost,
     coverage,
+    fuzz,
+    fuzz_page,
     ingest,
     measure,
     page,
@@ -22,6 +24,7 @@ from calib.benchmark import (
     statistics,
     statistics_page,
 )
+from calib.benchmark.text import Section
 from calib.rig import Lidar
 
 ROOT = Path(__file__).parents[1]
@@ -192,6 +195,10 @@ def drawn(factor, count=100, size=1.0):
 RUN = cost.Speed("1 lidar", {"solve": cost.Cost(1, 2.5, 2, 90)}, 11.0, 2.0, [(20, 95), (300, 97)])
 COVERED = coverage.Coverage("lidar", 1000, {"velodyne": 0.95}, {"velodyne": 1.0}, {"velodyne": 6})
 INGESTED = ingest.Row("zstd", 1e10, 36000, cost.Cost(1, 9, 8, 510), cost.Cost(1, 5, 4, 30))
+INPUTS = [
+    fuzz.Outcome("config", 1, "refused", "no name", 0.02, 120.0),
+    fuzz.Outcome("hostile log", 7, "broken", "Traceback\nKeyError: 'x'\n", 2.5, 640.0),
+]
 FOUND = ({("diamond-lidar-noisy", 15): drawn(1.0)}, [COVERED], {"camera": drawn(1.0, 20)})
 
 
@@ -214,7 +221,8 @@ def test_one_log_with_noise_is_shown_but_held_to_no_goal():
 
 def test_what_is_not_reached_is_said_with_its_factor_and_nothing_else_is():
     missed = made_up("diamond-lidar", 30, (0.003, 0.00005))
-    text = page.missed([missed], RUN, FOUND, [])
+    text = page.missed([missed], RUN, FOUND, [Section("x", "", ["all else fails"])])
+    assert "* all else fails." in text
     assert "N = 30: 0.003 mm is 3 × the goal, 0.001 mm" in text
     assert "°" not in text.split("N = 30")[1].splitlines()[0]
     assert "solve: 2.5 s, goal 1 s" in text and "not yet measured here" in text
@@ -227,13 +235,19 @@ def test_the_baseline_is_shown_but_not_held_to_the_goals():
 
 def test_the_page_holds_all_parts_and_the_chart_is_the_same_bytes_twice():
     lines = [made_up("diamond-lidar", 5, (5.0, 0.6)), made_up("diamond-lidar-noisy", 15, (0.1, 1))]
-    text = page.whole(lines, RUN, FOUND, [INGESTED], quick=True)
+    sections = ingest.section([INGESTED]), fuzz_page.section(INPUTS)
+    text = page.whole(lines, RUN, FOUND, sections, quick=True)
     assert "make benchmark-quick" in text and "95 MB on a log of 20 MB" in text
     found = cells(ingest.ingest([INGESTED]))
     assert (found["MB/s"], found["decode / reader |"]) == ("2500", "2 |")
     assert ingest.ingest([INGESTED]) in text
     assert "decode of 10 GB, chunks zstd: 2 × mcap's own reader, goal 1.5 ×" in text
     assert "decode of 10 GB, chunks zstd: 510 MB, goal 500 MB" in text
+    assert (
+        "| hostile log | 1 | 0 | 0 | 0 | 1 |" in text and "| config | 1 | 0 | 0 | 1 | 0 |" in text
+    )
+    assert "took 2.5 s" in text and "* damaged input took 640 MB, goal 500 MB." in text
+    assert "* 1 cases of damaged input broke, first 7: KeyError: 'x'." in text
     assert chart.svg(lines, FOUND[0]) == chart.svg(lines, FOUND[0])
 
 

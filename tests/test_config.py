@@ -523,3 +523,10 @@ def test_a_wrong_number_of_params_is_refused_in_words():
         InputError, match="params: 3 numbers, radtan takes fx fy cx cy k1 k2 p1 p2 k3"
     ):
         rig.camera(block)
+
+
+def test_a_colour_needs_all_its_ranges(folder):
+    content = copy.deepcopy(CYLINDER)
+    del content["color"]["value"]
+    with pytest.raises(InputError, match="color: missing key value"):
+        config.complete("target", content, "cylinder.yaml")

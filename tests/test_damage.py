@@ -4,13 +4,16 @@ import os
 import signal
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import containers
-from calib import logs
-from calib.status import InputError
+from calib import clouds, hearing, images, logs
+from calib.benchmark.damage import DAMAGES
+from calib.sim import log as record
+from calib.status import InputError, MessageError
 from test_intake import taken
 
 KIND = "TFMessage"
@@ -36,36 +39,6 @@ def at_most(seconds):
     finally:
         signal.alarm(0)
         signal.signal(signal.SIGALRM, before)
-
-
-def flipped(data, rng):
-    """Some bits wrong, anywhere."""
-    for at in rng.integers(0, len(data), rng.integers(1, 12)):
-        data[at] ^= 1 << rng.integers(8)
-    return data
-
-
-def cut(data, rng):
-    """The end missing, from anywhere."""
-    return data[: rng.integers(0, len(data))]
-
-
-def overwritten(data, rng):
-    """A stretch of other bytes: zeros, ones, or anything."""
-    n = int(rng.integers(1, 64))
-    at = int(rng.integers(0, max(1, len(data) - n)))
-    data[at : at + n] = [bytes(n), b"\xff" * n, rng.bytes(n)][rng.integers(3)]
-    return data
-
-
-def shortened(data, rng):
-    """A stretch missing within."""
-    at = int(rng.integers(0, len(data)))
-    del data[at : at + int(rng.integers(1, 200))]
-    return data
-
-
-DAMAGES = (flipped, cut, overwritten, shortened)
 
 
 @pytest.fixture(scope="module")
@@ -136,3 +109,42 @@ def test_what_a_cut_mcap_still_holds_grows_with_every_byte(whole, container):
     finally:
         path.write_bytes(content)
     assert counts == sorted(counts) and counts[0] == 0 and counts[-1] == 40
+
+
+def test_a_message_whose_payload_is_cut_is_a_fault_of_its_own(tmp_path):
+    """Its header tells of a frame, so that crop will ask for it; the others must not suffer."""
+    rows = containers.recording(KIND)
+    third = [m for _, topic, _, m in rows if topic == "/image"][2]
+
+    def serialise(name, message):
+        return containers.cdr(name, message)[: -10 if message is third else None]
+
+    log = str(containers.mcap(tmp_path / "a.mcap", rows, serialise))
+    _, frames, _ = taken(log, containers.options(KIND))
+    again, read = logs.open_log(log), 0
+    for row in np.flatnonzero(frames["sensor"] == "camera"):
+        place = [int(frames[k][row]) for k in ("file", "log_t", "ordinal")]
+        try:
+            read += again.message("/image", *place).height == 2
+        except MessageError as error:
+            assert "sensor_msgs/msg/Image cannot be read" in str(error) and row == 2
+    assert read == 6
+
+
+def test_a_cloud_with_other_fields_hides_nothing_of_the_rest():
+    heard = hearing.Lidar({})
+    for i in range(5):
+        cloud = containers.cloud(containers.BEGIN + i * 10**8)
+        if i == 0:
+            field = containers.make("sensor_msgs/msg/PointField", name="ring", offset=4,
+                                    datatype=4, count=1)  # fmt: skip
+            cloud.fields.append(field)
+        heard.take(SimpleNamespace(content=cloud, log_t=containers.BEGIN + i * 10**8))
+    told, status = heard.told(10**8, {})
+    assert status.ok and "no ring" in told["told"]["ring"]
+
+
+def test_a_message_that_is_not_defined_as_ros_does_it_is_a_fault_of_its_own():
+    for module, kind in ((clouds.read, "sensor_msgs/msg/LaserScan"), (images.bgr, record.IMAGE)):
+        with pytest.raises(MessageError, match=f"{kind} is not defined as ROS does it"):
+            module(SimpleNamespace(__msgtype__=kind))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import runs
+from calib.benchmark import fuzz_configs
 from runs import config, rig
 
 VERDICT = "results/sim/verdict.json"
@@ -177,3 +178,18 @@ def test_a_log_that_changed_after_decode_is_refused_by_crop(again):
     run = runs.snakemake(again, "results/sim/sim/velodyne/views.parquet", "--allowed-rules", "crop")
     assert run.returncode == 1
     assert "changed since it was decoded" in run.stderr
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        (fuzz_configs.BOMB, "unfolds to more than 100000 values"),
+        ("sessions: {a: {rig: sim, log: x}}\nsessions: {}", "key 'sessions' stands in line 1"),
+        ("sessions: \x1b[2J", "not valid YAML"),
+    ],
+)
+def test_a_config_that_is_none_is_one_line_before_anything_runs(again, text, words):
+    runs.config(again).write_text(text)
+    run = runs.snakemake(again)
+    assert run.returncode == 1 and f"config/config.yaml: {words}" in run.stderr
+    assert "Traceback" not in run.stderr and "\x1b" not in run.stderr

@@ -264,7 +264,7 @@ def test_a_write_that_fails_leaves_the_file_whole(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(export.os, "fsync", full)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(InputError, match="no space left on its disk; free some"):
         export.patch(path, described(velodyne=T_BASE_LIDAR))
     assert path.read_text() == ROBOT and len(list(tmp_path.iterdir())) == 1
 

@@ -10,16 +10,16 @@ from functools import cache
 from pathlib import Path
 
 SCRIPTS = Path(workflow.basedir) / "scripts"
-sys.path.insert(0, str(SCRIPTS))
 
 from calib import logs, priors
 from calib.config import load
-from calib.status import InputError
+from calib.status import InputError, printable
 from snakemake.exceptions import WorkflowError
 
 # Jobs find the interpreter of Snakemake itself, whether or not its environment is activated.
 shell.prefix(
     f"set -euo pipefail; export PATH={shlex.quote(str(Path(sys.executable).parent))}:$PATH; "
+    + SHARE
 )
 
 
@@ -28,7 +28,7 @@ def checked(function, *arguments):
     try:
         return function(*arguments)
     except InputError as error:
-        raise WorkflowError(str(error))
+        raise WorkflowError(printable(str(error)))
 
 
 CONFIG, RIGS, TARGETS = checked(load, config)
@@ -311,14 +311,21 @@ def last_words():
         stopped = [line for path in sorted(home.rglob("*.log")) for line in complaint(path)]
         told[rig] = {"sessions": sessions_of(rig), "stopped": stopped}
         if stopped:
-            print(f"{rig}: STOPPED", *stopped, sep="\n  ", file=sys.stderr)
+            say(f"{rig}: STOPPED", *stopped)
         elif asked and (home / "preflight.txt").exists():
-            print((home / "preflight.txt").read_text(), end="", file=sys.stderr)
+            say((home / "preflight.txt").read_text())
         elif (home / "verdict.json").exists():
             page = os.path.relpath(home / "report.html", os.environ.get("PWD", "."))
-            print(*results(rig, home), f"report: {page}", sep="\n  ", file=sys.stderr)
-    if Path("results").is_dir():
+            say(*results(rig, home), f"report: {page}")
+    if words := no_room():
+        say(words)
+    elif Path("results").is_dir():
         write_index(told)
+
+
+def say(*lines):
+    """Print the first line, and the others below it."""
+    print(*map(printable, lines), sep="\n  ", file=sys.stderr)
 
 
 def write_index(rigs):

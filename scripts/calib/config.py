@@ -11,9 +11,12 @@ from pathlib import Path
 import jsonschema
 import yaml
 
+from calib import yamls
 from calib.status import InputError
 
 SCHEMAS = Path(__file__).parents[2] / "workflow" / "schemas"
+LONGEST = 500  # characters of what is said of a wrong value, which may be long itself
+LARGEST = 1e18
 LOOSE_M, LOOSE_DEG = 0.1, 20  # alignment_sigma of a target from which its mount counts as unknown
 
 
@@ -44,13 +47,24 @@ def complete(kind, instance, where):
     """
     if not isinstance(instance, dict):
         raise InputError(f"{where}: holds {type(instance).__name__}, expected keys and values")
+    _finite(instance, where)
     found = Validator(schema(kind)).iter_errors(instance)
     errors = sorted(found, key=lambda e: list(map(str, e.path)))
     # A wrong kind or shape comes before what its own schema would have said.
     errors = [e for e in errors if not {"then", "else"} & set(e.schema_path)] or errors
     if errors:
-        raise InputError(f"{where}: {_explain(jsonschema.exceptions.best_match(errors))}")
+        raise InputError(f"{where}: {_explain(jsonschema.exceptions.best_match(errors))[:LONGEST]}")
     return instance
+
+
+def _finite(value, where, path=()):
+    """Raise InputError for a number that is none, or that no float can hold."""
+    inside = value.items() if isinstance(value, dict) else ()
+    inside = enumerate(value) if isinstance(value, list) else inside
+    for key, part in inside:
+        _finite(part, where, (*path, str(key)))
+    if isinstance(value, int | float) and not abs(value) < LARGEST:
+        raise InputError(f"{where}: {'.'.join(path)}: {str(value)[:20]} is no number that any has")
 
 
 def defaults():
@@ -78,19 +92,9 @@ def _explain(error):
     if error.validator == "not":
         return f"{path}: {error.instance} is a reserved name; choose another"
     if error.validator == "pattern":
-        remedy = "use a-z, 0-9, _ and -, first a letter or digit"
+        remedy = "use a-z, 0-9, _ and -, first a letter or digit, 64 at most"
         return f"{path}: {error.instance!r} is no name; {remedy}"
     return f"{path}: {error.message}"
-
-
-def load_yaml(path):
-    """The YAML file at path as Python values."""
-    try:
-        return yaml.safe_load(Path(path).read_text())
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; write it, README shows an example") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not valid YAML: {error}") from None
 
 
 def load(config, folder="config"):
@@ -110,7 +114,7 @@ def load(config, folder="config"):
 
 
 def _named(kind, path):
-    return complete(kind, load_yaml(path), path)
+    return complete(kind, yamls.load(path), path)
 
 
 def _rig(path):

@@ -42,7 +42,7 @@ class Lidar:
         the log, with their types."""
         if not self.samples:
             return {}, _unread("clouds", self.tried, self.trouble or "no return in any of them")
-        samples = sorted(self.samples, key=lambda s: s[0].stamp)
+        samples = sorted(_alike(self.samples), key=lambda s: s[0].stamp)
         layout, words, status = clouds.infer(samples, period, self.config.get("point_time", {}))
         return {"layout": layout.to_dict(), "told": words}, status
 
@@ -121,6 +121,13 @@ class Camera:
 
 
 KINDS = {"lidar": Lidar, "camera": Camera}
+
+
+def _alike(samples):
+    """The samples whose clouds have the fields that most have: a damaged one tells of no other."""
+    laid = [{n: v.dtype.str for n, v in cloud.fields.items()} for cloud, _ in samples]
+    common = max(laid, key=laid.count)
+    return [s for s, fields in zip(samples, laid, strict=True) if fields == common]
 
 
 def _differ(one, other):

@@ -7,9 +7,9 @@ never written twice, and what is accepted again without a change adds nothing.
 
 import hashlib
 import json
-import os
 from pathlib import Path
 
+from calib import files
 from calib.status import InputError
 
 DIGITS = 16  # of the SHA-256 in a name
@@ -23,12 +23,7 @@ def accept(folder, calibration):
     content = {"previous": known[-1][0] if known else None, "calibration": calibration}
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n"
     name = _name(text.encode())
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    # Under its own name it is whole or not there at all, whatever stops this.
-    begun = folder / f".{name}"
-    begun.write_text(text)
-    os.replace(begun, folder / f"{name}.json")
+    files.write(Path(folder) / f"{name}.json", text)
     return name
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib import headers, hearing, mcs, stamps, tables
 from calib.cameras import info
-from calib.status import OK, InputError, failed
+from calib.status import OK, InputError, as_defined, failed
 from calib.streams import Streams
 
 NS = stamps.NS
@@ -31,16 +31,20 @@ class Recording:
     def take(self, message):
         """Add what one message says."""
         try:
-            if message.topic in self._name_of:
-                self._frame(message, self._name_of[message.topic])
-            elif message.type == info.TYPE:
-                self._info(message)
-            elif message.type in mcs.TYPES:
-                take = self._static if message.topic == STATIC else self.streams.take
-                take(message)
+            with as_defined(message.type):
+                self._take(message)
         except InputError as error:
             self.unreadable[message.topic] += 1
             self.why.setdefault(message.topic, str(error))
+
+    def _take(self, message):
+        if message.topic in self._name_of:
+            self._frame(message, self._name_of[message.topic])
+        elif message.type == info.TYPE:
+            self._info(message)
+        elif message.type in mcs.TYPES:
+            take = self._static if message.topic == STATIC else self.streams.take
+            take(message)
 
     def _frame(self, message, name):
         if message.type in self.heard[name].types:

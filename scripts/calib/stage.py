@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 from calib import files
-from calib.status import InputError
+from calib.status import InputError, printable
 
 logger = logging.getLogger("calib")
 # When the interpreter started: until here it has only been computing.
@@ -36,9 +36,17 @@ def parser(doc, **arguments):
     return p
 
 
+class Printable(logging.Formatter):
+    """Lines that may hold names from a log."""
+
+    def format(self, record):
+        return printable(super().format(record))
+
+
 def run(main):
     """Call a stage's main: a wrong input ends in one clear line and exit code 1, not in a trace."""
-    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(message)s")
+    logging.basicConfig(stream=sys.stderr, level=logging.INFO)
+    logging.getLogger().handlers[0].setFormatter(Printable("%(message)s"))
     try:
         main()
         _log_cost(Path(sys.argv[0]).stem)
@@ -65,8 +73,7 @@ def limit_threads():
 def write_json(path, content):
     """Write content as sorted, indented JSON; NaN and infinity are an error."""
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n"
-    with files.whole(path) as part:
-        part.write_text(text)
+    files.write(path, text)
 
 
 def read_json(path):

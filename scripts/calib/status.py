@@ -1,6 +1,8 @@
 """How a fault of the data travels: as data, never as an exception."""
 
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from unicodedata import category
 
 
 class InputError(Exception):
@@ -42,6 +44,28 @@ OK = Status()
 def failed(reason, found="", expected="", remedy=""):
     """A status that is not ok."""
     return Status(False, reason, str(found), str(expected), remedy)
+
+
+@contextmanager
+def as_defined(name):
+    """Raises MessageError where a message of the type so named lacks what its type should have: a
+    log brings its own definitions, and they may be damaged or of another version."""
+    try:
+        yield
+    except (AttributeError, TypeError, ValueError) as error:
+        raise MessageError(f"{name} is not defined as ROS does it ({in_a_line(error)})") from error
+
+
+def printable(text):
+    """A text without what a terminal would obey: control and format characters are written out.
+
+    Names from a log or a config may hold any.
+    """
+    return "".join(c if category(c)[0] != "C" or c == "\n" else _written(c) for c in text)
+
+
+def _written(character):
+    return character.encode("unicode_escape", "surrogatepass").decode()
 
 
 def in_a_line(error):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from calib.benchmark import lab
-from calib.benchmark.text import both, digits, ratio, table
+from calib.benchmark.text import Section, both, digits, ratio, table
 
 HEAD = ("fault", "error", "over clean", "σ reported over clean", "NEES/6", "verdict")
 FOUND = ("fault", "quantity", "rms error", "σ reported", "goal")
@@ -14,8 +14,7 @@ FAR_GOAL = 1.0  # ms, of an offset of 200 ms
 
 
 def section(outcomes):
-    """The section, and sentences on what it does not reach; outcomes: {(fault, on): [Outcome] of
-    its logs}."""
+    """The Section on {(fault, on): [lab.Outcome] of its logs}."""
     faults = list(dict.fromkeys(fault for fault, _ in outcomes))
     count = len(next(iter(outcomes.values())))
     parts = {
@@ -25,7 +24,8 @@ def section(outcomes):
         "off": table(OFF, [_off(outcomes, fault) for fault in faults]),
         "cost": COST,
     }
-    return TEXT.format(**parts), [s for fault in faults for s in short_of(outcomes, fault)]
+    missed = [s for fault in faults for s in short_of(outcomes, fault)]
+    return Section("What labs get wrong", TEXT.format(**parts), missed)
 
 
 def rms(outcomes, what):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib.benchmark import cost, ingest, measure
+from calib.benchmark import cost, measure
 from calib.benchmark import statistics_page as many
 from calib.benchmark.rows import DEFAULT, ENSEMBLE, HELD, NOT_MEASURED, SINGLE
 from calib.benchmark.text import both, digits, over, ratio, table
@@ -79,11 +79,12 @@ def slow(run):
     return out
 
 
-def missed(lines, run, found, ingested):
+def missed(lines, run, found, sections):
     """Everything that is not reached, one sentence each, as a Markdown list; found: (draws,
-    coverage, full runs) as many.short_of takes them."""
+    coverage, full runs) as many.short_of takes them; sections: [Section]."""
     sentences = [s for line in lines for s in short_of(line)] + many.short_of(*found)
-    sentences += slow(run) + ingest.short_of(ingested) + list(NOT_MEASURED)
+    sentences += slow(run) + [s for section in sections for s in section.missed]
+    sentences += list(NOT_MEASURED)
     return "\n".join(f"* {s}." for s in sentences)
 
 
@@ -123,9 +124,9 @@ def decoding(run):
     )
 
 
-def whole(lines, run, found, ingested, quick):
-    """The page; found: (draws, coverage, full runs); ingested: [ingest.Row]; quick: only the
-    smallest N."""
+def whole(lines, run, found, sections, quick):
+    """The page; found: (draws, coverage, full runs); sections: [Section] after those; quick: only
+    the smallest N."""
     parts = {
         "command": "make benchmark-quick" if quick else "make benchmark",
         "machine": cost.machine(),
@@ -134,8 +135,8 @@ def whole(lines, run, found, ingested, quick):
         "covered": many.covered(found[1]),
         "full": many.full(found[2]),
         "held": " to ".join(f"{100 * h:g}" for h in HELD),
-        "missed": missed(lines, run, found, ingested),
-        "ingested": ingest.ingest(ingested),
+        "missed": missed(lines, run, found, sections),
+        "sections": "\n\n".join(f"## {s.title}\n\n{s.text}" for s in sections),
         "pixels": pixels(lines),
         "about": run.about,
         "speed": speed(run),
@@ -220,14 +221,7 @@ case is 2 lidars + 1 camera, 30 placements each, 1.7 GB.
 
 {decoding} {memory}
 
-## Decoding
-
-Logs that repeat a few scans and images with fresh stamps: 3 bodies at 100 Hz, two lidars of 28 800
-points and two cameras of 1280 × 1024 px at 10 Hz. decode and mcap's own reader, which hands out
-every message undecoded, take turns on the same bytes, each in a process of its own; start of Python
-included.
-
-{ingested}
+{sections}
 
 ## Not reached
 

@@ -1,8 +1,18 @@
 """Numbers and tables as the benchmark's page writes them."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 UNITS = (" mm", "°")
+
+
+class Section(NamedTuple):
+    """A part of the page: its title, its Markdown, and sentences on what it does not reach."""
+
+    title: str
+    text: str
+    missed: list
 
 
 def digits(x):

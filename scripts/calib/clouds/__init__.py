@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.clouds import foxglove, laserscan, livox, pointcloud2, raw, rings, times
 from calib.clouds.layout import Layout, infer
-from calib.status import MessageError
+from calib.status import MessageError, as_defined
 
 __all__ = ["REFUSED", "TYPES", "Layout", "infer", "points", "read"]
 
@@ -53,8 +53,9 @@ FARTHEST_NS = 10 * 10**9  # from its stamp that a point of a scan can have been 
 
 def read(message):
     """The raw.Raw of a message, only its returns. Raises MessageError where it is damaged."""
-    whole = TYPES[message.__msgtype__].read(message)
-    return raw.select(whole, raw.returned(whole))
+    with as_defined(message.__msgtype__):
+        whole = TYPES[message.__msgtype__].read(message)
+        return raw.select(whole, raw.returned(whole))
 
 
 def points(message, layout):

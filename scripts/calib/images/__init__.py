@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from calib.images import compressed, raw
+from calib.status import as_defined
 
 TYPES = {
     "sensor_msgs/msg/Image": raw,
@@ -35,7 +36,8 @@ REFUSED = {
 
 def bgr(message):
     """(h, w, 3) uint8 of a message. Raises MessageError where it cannot be read."""
-    return TYPES[message.__msgtype__].read(message)
+    with as_defined(message.__msgtype__):
+        return TYPES[message.__msgtype__].read(message)
 
 
 def grey(image):

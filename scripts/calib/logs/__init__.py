@@ -15,8 +15,7 @@ imports it: a start of Snakemake, which needs no reader, should not pay for all 
 import hashlib
 from pathlib import Path
 
-import yaml
-
+from calib import yamls
 from calib.logs import unpacking
 from calib.status import InputError
 
@@ -83,9 +82,9 @@ def _in_folder(folder):
 def _listed(metadata):
     """The names of files in a rosbag2's metadata.yaml."""
     try:
-        info = yaml.safe_load(metadata.read_text())["rosbag2_bagfile_information"]
+        info = yamls.load(metadata)["rosbag2_bagfile_information"]
         return [Path(name).name for name in info["relative_file_paths"]]
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, KeyError, TypeError):
+    except (InputError, KeyError, TypeError):
         raise InputError(
             f"{metadata}: names no files of a rosbag2 log; run `ros2 bag reindex {metadata.parent}`"
         ) from None

@@ -7,7 +7,7 @@ from functools import cache, cached_property
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from calib.logs import structures, unpacking
-from calib.status import InputError, in_a_line
+from calib.status import InputError, MessageError, in_a_line
 
 NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
 HEADER = "std_msgs/msg/Header"
@@ -155,6 +155,6 @@ class Codec:
         return read(data[4:], 0, kind.cls, store)[0]
 
     def _unreadable(self, error):
-        return InputError(
+        return MessageError(
             f"{self.types.where}: a message of {self.type} cannot be read ({in_a_line(error)})"
         )
