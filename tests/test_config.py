@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from calib import config, geometry, rig
+from calib import config, geometry, rig, targets
 from calib.status import InputError
 
 CONFIG = yaml.safe_load("""
@@ -530,3 +530,9 @@ def test_a_colour_needs_all_its_ranges(folder):
     del content["color"]["value"]
     with pytest.raises(InputError, match="color: missing key value"):
         config.complete("target", content, "cylinder.yaml")
+
+
+def test_a_template_finer_than_memory_holds_is_refused_with_what_would_do(folder):
+    block = copy.deepcopy(CYLINDER) | {"method": "points", "points": {"spacing_m": 1e-12}}
+    with pytest.raises(InputError, match="too fine for a target of 0.8 m; expected 0.0004 m"):
+        targets.from_config(config.complete("target", block, "cylinder.yaml"))

@@ -148,3 +148,10 @@ def test_a_message_that_is_not_defined_as_ros_does_it_is_a_fault_of_its_own():
     for module, kind in ((clouds.read, "sensor_msgs/msg/LaserScan"), (images.bgr, record.IMAGE)):
         with pytest.raises(MessageError, match=f"{kind} is not defined as ROS does it"):
             module(SimpleNamespace(__msgtype__=kind))
+
+
+def test_a_row_that_claims_gigabytes_takes_no_memory():
+    image = containers.image(containers.BEGIN)
+    image.height, image.step = 1, 2**31
+    with at_most(2):
+        assert images.bgr(image).shape == (1, 4, 3)

@@ -31,8 +31,9 @@ def _pixels(message, encoding, dtype):
             f"an image of {width} x {message.height} px, {message.encoding}, with rows of {step} "
             f"bytes and {len(data)} in all; the message is damaged"
         )
-    whole = data if len(data) >= rows * step else np.append(data, np.zeros(step - used, np.uint8))
-    lines = np.ascontiguousarray(whole[: rows * step].reshape(rows, step)[:, :used])
+    data = np.ascontiguousarray(data)
+    lines = np.lib.stride_tricks.as_strided(data, (rows, used), (step, 1), writeable=False)
+    lines = np.ascontiguousarray(lines)
     pixels = lines.view(dtype).astype(dtype.newbyteorder("="), copy=False)
     shape = (rows, width) if encoding.channels == 1 else (rows, width, encoding.channels)
     return pixels.reshape(shape)

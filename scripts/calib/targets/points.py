@@ -9,6 +9,8 @@ from scipy.spatial import cKDTree
 
 from calib.status import InputError
 
+MOST_ACROSS = 2000  # points of a template along its largest extent
+
 
 @dataclass(frozen=True)
 class Points:
@@ -33,6 +35,11 @@ def from_config(config, shape):
     """Points of the `points` block of a target: sampled from the shape, or read from a file."""
     path, spacing = config.get("template_file"), config["spacing_m"]
     if path is None:
+        if max(shape.size) / spacing > MOST_ACROSS:
+            raise InputError(
+                f"points.spacing_m {spacing:g} is too fine for a target of {max(shape.size):g} m; "
+                f"expected {max(shape.size) / MOST_ACROSS:.2g} m or more"
+            )
         return Points(shape.template(spacing), spacing, config["keypoints"])
     template = read(path)
     between = float(np.median(cKDTree(template).query(template, k=2)[0][:, 1]))
