@@ -17,6 +17,7 @@ import numpy as np
 from calib import (
     chain,
     clocks,
+    gain,
     kinds,
     lenses,
     markers,
@@ -170,6 +171,9 @@ def main(argv=None):
     known = statuses(sessions, options)
     content = solution.as_json(setup, result, suspected, known, options)
     content["sessions"] |= markers.told(setup, result) if result.solution else {}
+    for name, sensor in content["sensors"].items():
+        known = setup, result, name, options["views"]
+        sensor["next_view"] = gain.best_view(*known) if sensor["T_robot_sensor"] else None
     content["repeatability"] = repeatability(setup, result, **most)
     stage.write_json(args.solution, content)
     tables.write(args.residuals, tables.RESIDUALS, solution.residuals(setup, result))

@@ -32,6 +32,8 @@ def rows(run):
         if six and six[-1][2] > 0:
             told["ratio"] = text.number(six[0][2] / six[-1][2], 2)
         told["open"] = [d["words"] for d in sensor["undetermined"]]
+        best = sensor["next_view"]
+        told["next"] = observability.next_view(best) if best else ""
         told["advice"] = sensor["advice"] or sensor["status"]["remedy"]
         out.append(told)
     return out
