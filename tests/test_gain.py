@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib import chain, gain, geometry, observability
+from calib import chain, considered, crossvalidation, gain, geometry, hypotheses, observability
 from calib.information import covariance
 from calib.proposals import proposals
 from synthetic import BOARD, CAMERA, CYLINDER, LIDAR, MCS_SIGMA, TRUE, World, setup, solved
@@ -17,14 +17,14 @@ MIXED = [("board", None)] * 7 + [("cylinder", None)] * 3
 UPRIGHT = [("cylinder", [0, 0, 1])] * 3 + [("cylinder", [0, 1, 0])] * 2
 
 
-def shown(made, sensor, name, T_sensor_target, seed):
+def shown(made, sensor, name, T_sensor_target, seed, world=None):
     """The Setup with a placement more, which that sensor alone saw, with noise of its own."""
     rng, k = np.random.default_rng(seed), len(made.placements)
     T_robot_target = TRUE[sensor] @ T_sensor_target
     errors = geometry.se3_exp(MCS_SIGMA * rng.normal(size=(2, 6)))
     said = errors[0] @ T_robot_target @ geometry.inverse(errors[1])
     place = chain.Placement("s", name, said, np.eye(4), MCS_SIGMA)
-    found = synthetic.measured(rng, World(), sensor, k, name, T_robot_target)
+    found = synthetic.measured(rng, world or World(), sensor, k, name, T_robot_target)
     return replace(made, placements=[*made.placements, place], groups=[*made.groups, *found])
 
 
@@ -61,14 +61,38 @@ def test_the_view_that_is_named_does_what_was_predicted(cases, case, sensor):
     assert best["sigma_one"] / found == pytest.approx(1, abs=0.15)
 
 
+def test_a_view_takes_nothing_off_an_error_that_all_ranges_have_in_common():
+    """Beams that err by 14 mm leave a common error of 4.1 mm that no target tells from the
+    pose: one view more before the lidar does what was predicted, to 15 %, with it in both."""
+    world = World(too_long=0.014 * np.tile([1.0, -1.0], synthetic.RINGS // 2))
+    made = setup(0, MIXED, world)
+    (beams,) = [h for h in hypotheses.all_of(made) if h.name == "beams"]
+    made = replace(made, corrections=(beams,))
+    result = considered.widened(made, solved(made))
+    before = gain.Before.of(made, result, "lidar")
+    own = covariance(result.solution.information)[before.own, before.own]
+    assert before.covariance() == pytest.approx(own, rel=1e-6, abs=1e-12)
+    weights = np.eye(6)[0]  # of x, along which all targets lie
+    told = list(gain.told(made, result, "lidar", SEEN))
+    ahead = [row for row in told if "azimuth 0°" in row[2] and row[0] == "board"]
+    for name, T, _, more in ahead[:3]:
+        predicted = np.sqrt(weights @ before.covariance(more) @ weights)
+        added = shown(made, "lidar", name, T, 7, world)
+        found = sigma(added, considered.widened(added, solved(added)), "lidar", weights)
+        assert predicted / found == pytest.approx(1, abs=0.15)
+        assert predicted > 0.8 * sigma(made, result, "lidar", weights) > 0.002
+    by_count = crossvalidation.sigma_by_count(made, result, "lidar")["sigma_m"][-1]
+    assert by_count == pytest.approx(np.sqrt(np.diag(own)[:3].max()), rel=0.05)
+
+
 def test_no_other_proposal_does_more_and_those_of_a_kind_are_told_apart(cases):
     """The prediction ranks: the best and the worst of the proposals, both recorded."""
     made, result = cases["few boards"]
-    P = covariance(result.solution.information)
-    weights, _, _ = observability.loosest(P[:6, :6])
+    before = gain.Before.of(made, result, "camera")
+    weights, _, _ = observability.loosest(before.covariance())
     told = [
-        (gain._after(P, slice(0, 6), columns, H, weights), name, T)
-        for name, T, _, H, columns in gain.told(made, result, "camera", SEEN)
+        (np.sqrt(weights @ before.covariance(more) @ weights), name, T)
+        for name, T, _, more in gain.told(made, result, "camera", SEEN)
     ]
     told.sort(key=lambda item: item[0])
     best = gain.best_view(made, result, "camera", SEEN)

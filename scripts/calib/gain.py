@@ -5,16 +5,58 @@ alike is carried along with the target, and what that says of the unknowns is ad
 recordings say, at the noise that was found. First order, as crossvalidation is.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib import chain, estimation, geometry, kinds, observability, rig, views
+from calib import chain, considered, estimation, geometry, kinds, observability, rig, views
 from calib.cameras import Camera
 from calib.information import covariance, inverse
+from calib.parts import information
 from calib.proposals import proposals
 
 MANY = 4  # such views, of which the σ is told too
+
+
+@dataclass(frozen=True)
+class More:
+    """What a new placement says of the unknowns of some numbers, columns (m,), that others share:
+    information H (m, m), and how its slopes (m, q) depend on errors that nobody estimates."""
+
+    columns: np.ndarray
+    H: np.ndarray
+    G: np.ndarray
+
+
+@dataclass(frozen=True)
+class Before:
+    """What all recordings say: covariance P (n, n) of the unknowns but for the errors that nobody
+    estimates (considered.told), their G (n, q) and σ (q,); own: the slice of a sensor's pose."""
+
+    P: np.ndarray
+    G: np.ndarray
+    sigma: np.ndarray
+    own: slice
+
+    @classmethod
+    def of(cls, setup, result, sensor):
+        weight = chain.priors(setup, result.state)[1]
+        P = covariance(information(result.solution.parts, weight))
+        first = 6 * sorted(setup.models).index(sensor)
+        return cls(P, *considered.told(setup, result), slice(first, first + 6))
+
+    def covariance(self, more=None, times=1):
+        """(6, 6) of the sensor's pose, with so many placements like More besides."""
+        rows, G = self.P[self.own], self.G
+        if more is not None:
+            c, H = more.columns, times * more.H
+            # Woodbury, for the rows of the sensor alone.
+            mixed = np.eye(len(c)) + self.P[np.ix_(c, c)] @ H
+            rows = rows - rows[:, c] @ H @ np.linalg.solve(mixed, self.P[c])
+            G = G.copy()
+            G[c] += times * more.G
+        follows = rows @ G * self.sigma
+        return rows[:, self.own] + follows @ follows.T
 
 
 def best_view(setup, result, sensor, options):
@@ -25,25 +67,23 @@ def best_view(setup, result, sensor, options):
     sigma: of that direction now, m or rad as unit says; sigma_one, sigma_four: with one such
     placement more, and with four. options: min_returns and max_incidence_deg of a view.
     """
-    P = covariance(result.solution.information)
-    first = 6 * sorted(setup.models).index(sensor)
-    own = slice(first, first + 6)
-    twist, sigma, unit = observability.loosest(P[own, own])
-    best = None
-    for name, T, words, H, columns in told(setup, result, sensor, options):
-        after = [_after(P, own, columns, n * H, twist) for n in (1, MANY)]
+    before, best = Before.of(setup, result, sensor), None
+    weights, sigma, unit = observability.loosest(before.covariance())
+    for name, T, words, more in told(setup, result, sensor, options):
+        spreads = [before.covariance(more, n) for n in (1, MANY)]
+        after = [float(np.sqrt(max(weights @ spread @ weights, 0.0))) for spread in spreads]
         if best is None or after[0] < best["sigma_one"]:
             best = {"target": name, "T_sensor_target": rig.pose_json(T), "words": words}
             best |= {"sigma_one": after[0], "sigma_four": after[1]}
     if best is None:
         return None
-    where = observability.in_words(twist, result.state.T_robot_sensor[sensor])
+    where = observability.in_words(weights, result.state.T_robot_sensor[sensor])
     return best | {"direction": where, "unit": unit, "sigma": sigma}
 
 
 def told(setup, result, sensor, options):
-    """(target, T_sensor_target (4, 4), in words, H (m, m), columns (m,)) of every proposal for a
-    sensor that it would see: information about the unknowns of those numbers."""
+    """(target, T_sensor_target (4, 4), in words, More) of every proposal for a sensor that it would
+    see."""
     state, model = result.state, setup.models[sensor]
     T_robot_sensor, seen = state.T_robot_sensor[sensor], recorded(setup, result, sensor)
     heights = [chain.T_robot_target(setup, state, k)[2, 3] for k in seen]
@@ -60,7 +100,7 @@ def told(setup, result, sensor, options):
         for there in proposals(target, model, T, limits, T_robot_sensor):
             if not hidden(model, target, there.T, options):
                 pattern = patterns[own[alike(T, there.T, target)]]
-                yield name, there.T, there.words, *pattern.information(there.T)
+                yield name, there.T, there.words, pattern.at(there.T)
 
 
 def recorded(setup, result, sensor):
@@ -107,9 +147,8 @@ class Pattern:
         self.problem = estimation.build(alone)
         self.problem.with_models(estimation.lenses(alone, self.state))
 
-    def information(self, T_sensor_target):
-        """(H (m, m), columns (m,)): what the same measurements of the target at T_sensor_target
-        (4, 4) say of the unknowns that other placements share."""
+    def at(self, T_sensor_target):
+        """The More of the same measurements of the target at T_sensor_target (4, 4)."""
         there = self._setup(T_sensor_target)
         found = zip(there.groups, estimation.assign_all(there, self.state), strict=True)
         more = self._more(T_sensor_target)
@@ -117,7 +156,10 @@ class Pattern:
         slopes = estimation.slopes(there, self.state, assigned)
         given = *chain.unknowns(there, self.state), chain.chains(there, self.state)
         parts = self.problem.parts(*given, assigned, slopes, estimation.errors(there, self.state))
-        return _reduced(parts, there)
+        unknown = considered.errors(there, self.state)
+        given = there, self.state, assigned, parts
+        G = [np.zeros((there.n, 0)), *(considered.coupling(*given, h) for h, _ in unknown)]
+        return _reduced(parts, np.hstack(G), there)
 
     def _setup(self, T_sensor_target):
         """The Setup of this placement alone, its target at T_sensor_target and its measurements
@@ -170,22 +212,17 @@ def carried(group, ranges, model, move):
     return replace(group, keypoints=k | {"xyz": p})
 
 
-def _reduced(parts, setup):
-    """(H (m, m), columns (m,)) of parts of one new placement, its MCS errors marginalised."""
+def _reduced(parts, G, setup):
+    """The More of the parts of one new placement, its MCS errors marginalised; G (n, q): how the
+    slopes by the unknowns depend on errors that nobody estimates."""
     columns = np.unique(np.concatenate([p.columns for p in parts]))
     H = np.zeros((len(columns), len(columns)))
     for part in parts:
         at = np.searchsorted(columns, part.columns)
         H[np.ix_(at, at)] += part.hessian
     alone = (columns >= setup.poses) & (columns < setup.chained)
-    cross = H[np.ix_(alone, ~alone)]
     own = H[np.ix_(alone, alone)] + np.eye(alone.sum())
-    return H[np.ix_(~alone, ~alone)] - cross.T @ inverse(own) @ cross, columns[~alone]
-
-
-def _after(P, own, columns, H, twist):
-    """σ of the sum of a pose's numbers with weights twist (6,), of a covariance P (n, n) and, about
-    the unknowns of those columns (m,), information H (m, m) more."""
-    mixed = np.eye(len(columns)) + P[np.ix_(columns, columns)] @ H
-    less = P[own][:, columns] @ H @ np.linalg.solve(mixed, P[columns][:, own])
-    return float(np.sqrt(max(twist @ (P[own, own] - less) @ twist, 0.0)))
+    through = H[np.ix_(~alone, alone)] @ inverse(own)
+    H_left = H[np.ix_(~alone, ~alone)] - through @ H[np.ix_(alone, ~alone)]
+    G_left = G[columns[~alone]] - through @ G[columns[alone]]
+    return More(columns[~alone], H_left, G_left)
