@@ -8,6 +8,10 @@ UNDETERMINED = 0.5  # m or rad: a direction known no better than this is not kno
 ARM = 1.0  # m, at which a turn counts as much as a shift
 PARALLEL_DEG = 10.0  # axes that differ by less have one direction in common
 AXES = "xyz"
+ANY = (
+    "Record placements that differ in that direction: the target tilted to all sides, nearer and "
+    "farther, and at the sides of the view."
+)
 
 
 def undetermined(information, n_sensors, sensor):
@@ -55,7 +59,9 @@ def _nearest(direction):
     axis = int(np.abs(direction).argmax())
     if abs(direction[axis]) > 0.95:
         return f"{AXES[axis]} of the robot body"
-    shown = ", ".join(f"{v:.2f}" for v in direction * np.sign(direction[axis]))
+    # Adding zero turns a rounded -0 into 0.
+    shown = np.round(direction * np.sign(direction[axis]), 2) + 0.0
+    shown = ", ".join(f"{v:.2f}" for v in shown)
     return f"({shown}) of the robot body, mainly {AXES[axis]}"
 
 
@@ -128,10 +134,7 @@ def advice(seen, placements, lidar):
             f"All boards face the same way within {flat or 0.0:.0f}°: turn the board by 20 to 40° "
             "to the left, to the right, up and down."
         )
-    return (
-        "Record placements that differ in that direction: the target tilted to all sides, nearer "
-        "and farther, and at the sides of the view."
-    )
+    return ANY
 
 
 def next_view(best):
