@@ -77,4 +77,4 @@ def _directions(ax, found):
     if len(found.normals) or len(found.axes):
         # Beside the title: within, it would lie on what it names.
         place = dict(loc="lower right", bbox_to_anchor=(1, 0.99), borderpad=0, borderaxespad=0)
-        ax.legend(ncols=2, columnspacing=0.8, handletextpad=0, **place)
+        ax.legend(ncols=2, columnspacing=0.8, handletextpad=0, handlelength=1.2, **place)

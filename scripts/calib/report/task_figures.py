@@ -33,19 +33,13 @@ def _row(panels, number):
     return plots.drawing(fig, f"task-{number}", label, captions.TASK, span=0)
 
 
-def _label(levels):
-    """What writes levels with as many decimals as tell them apart."""
-    places = text.places(np.diff(levels).min(initial=levels[0]))
-    return lambda value: text.fixed(value, places)
-
-
 def _map(ax, panel):
     """Lines of equal σ over one image."""
     camera, _, model, T, covariance = panel
     uv, sigma = task.pixels(model, T, covariance, DISTANCE)
     if len(sigma) > 3 and np.ptp(sigma) > 1e-9 * sigma.max():
         lines = ax.tricontour(*uv.T, sigma, levels=5, colors=[BLUE], linewidths=1.1)
-        ax.clabel(lines, fontsize=6.5, colors=[INK], fmt=_label(lines.levels))
+        ax.clabel(lines, fontsize=6.5, colors=[INK], fmt=lambda v: text.number(v, 3))
     if len(sigma):
         worst = uv[sigma.argmax()]
         ax.plot(*worst, "x", ms=5, color=INK, clip_on=False)
