@@ -16,8 +16,8 @@ def widened(setup, result):
     if result.solution is None:
         return result
     H, (G, sigma) = result.solution.information, told(setup, result)
-    information = H - G @ np.linalg.solve(np.diag(sigma**-2.0) + G.T @ inverse(H) @ G, G.T)
-    return replace(result, solution=replace(result.solution, information=information))
+    less = G @ np.linalg.solve(np.diag(sigma**-2.0) + G.T @ inverse(H) @ G, G.T)
+    return replace(result, solution=replace(result.solution, information=H - less))
 
 
 def told(setup, result):
