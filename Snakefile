@@ -299,6 +299,7 @@ rule export:
         report=ancient("results/{rig}/report.html"),
         frames=of_sessions("results/{rig}/{session}/frames.parquet"),
         placements=of_sessions("results/{rig}/{session}/placements.parquet"),
+        guesses=of_sensors("results/{rig}/{session}/{sensor}/guess.json"),
         views=of_sensors("results/{rig}/{session}/{sensor}/views.parquet"),
         urdf=patched_urdf,
         code=code("export"),
@@ -316,6 +317,6 @@ rule export:
     shell:
         "python {input.code[0]:q} --calibration {input.calibration:q}"
         " --verdict {input.verdict:q} --frames {input.frames:q}"
-        " --placements {input.placements:q} --views {input.views:q} --urdf {input.urdf:q}"
-        " --output {params.folder:q} --history {params.history:q}"
-        " --options {params.options:q} 2> {log:q}"
+        " --placements {input.placements:q} --guesses {input.guesses:q}"
+        " --views {input.views:q} --urdf {input.urdf:q} --output {params.folder:q}"
+        " --history {params.history:q} --options {params.options:q} 2> {log:q}"

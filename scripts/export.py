@@ -1,7 +1,8 @@
 """Files that robots load; the one job that fails on a failed verdict.
 
 Reads   calibration.json, verdict.json; frames.parquet and placements.parquet of all sessions,
-        views.parquet of all their sensors; the URDF that is to be patched, where there is one
+        guess.json and views.parquet of all their sensors, the former for lenses that the log tells;
+        the URDF that is to be patched, where there is one
 Writes  export/*, unless the verdict is fail; what stood there before is removed first; and adds the
         calibration to history/. The origins of the sensors' joints in that URDF, with a backup
         beside it
@@ -12,7 +13,7 @@ import shutil
 
 import numpy as np
 
-from calib import files, formats, history, mounting, stage, tables, urdf
+from calib import files, formats, history, lenses, mounting, stage, tables, urdf
 from calib.formats import index
 from calib.formats.scene import scene, session
 from calib.stage import logger
@@ -32,6 +33,13 @@ def read_sessions(args, calibration):
             start = int(np.min(columns["log_t"]))
             out[name] = session(name, start, calibration, placements, paths)
     return out
+
+
+def with_lenses(args):
+    """The options, with the lens of every camera whose parameters the config leaves to the log."""
+    names = [n for _, used in sorted(args.options["sessions"].items()) for n in sorted(used)]
+    guesses = zip(names, map(stage.read_json, args.guesses), strict=True)
+    return args.options | {"sensors": lenses.told(args.options["sensors"], guesses)}
 
 
 def patch(path, described):
@@ -95,6 +103,7 @@ def main(argv=None):
         verdict="input",
         frames="*input, one per session",
         placements="*input, one per session",
+        guesses="*input, one per session and sensor",
         views="*input, one per session and sensor",
         urdf="*input and output, one or none",
         output="folder",
@@ -108,7 +117,7 @@ def main(argv=None):
             f"{calibration['rig']} is not exported, its calibration failed:\n  "
             + "\n  ".join(judged["reasons"])
         )
-    described = scene(calibration, args.options, read_sessions(args, calibration))
+    described = scene(calibration, with_lenses(args), read_sessions(args, calibration))
     mounted = {path: patch(path, described) for path in args.urdf}
     for path, (placed, unplaced) in mounted.items():
         logger.info("%s: placed %s", path, ", ".join(sorted(placed)) or "no joint")

@@ -61,11 +61,13 @@ def summary(name, outcomes, keypoints):
         return OK
     reasons = [s.reason for _, s in outcomes]
     counts = ", ".join(f"{reasons.count(r)} × {r}" for r in sorted(set(reasons)))
+    most = max((s for _, s in outcomes), key=lambda s: reasons.count(s.reason), default=OK)
     return failed(
         f"{name}: nothing found in {len(outcomes)} views",
         counts,
         "a target in some",
-        "Look at the report's views; check the target's size, its body and T_robot_sensor.",
+        most.remedy
+        or "Look at the report's views; check the target's size, its body and T_robot_sensor.",
     )
 
 

@@ -15,7 +15,7 @@ def calibration(solution, overall, reasons, levels):
     """The content of calibration.json."""
     keep = ("kind", "frame", "status", "guess", "T_robot_sensor", "covariance", "weakest")
     keep += ("placements", "observations", "points", "rejected", "residual", "undetermined")
-    keep += ("advice", "left_out", "fit", "held_out", "predicted", "corrections")
+    keep += ("advice", "next_view", "left_out", "fit", "held_out", "predicted", "corrections")
     keep += ("time_offset_s", "clock", "time_wander", "intrinsics", "lens")
     sensors = {
         name: {k: sensor[k] for k in keep} | {"verdict": levels[name]}

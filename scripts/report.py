@@ -89,6 +89,10 @@ def content(run):
         "observability": directions.rows(run),
         "by_count": evidence_figures.sigma_by_count(run),
         "overlays": shared_overlays.draw(run),
+        "typical": [
+            {"name": n, "kind": s["kind"], "views": overlays.typical(run, n)}
+            for n, s in run.sensors.items()
+        ],
         "diagnostics": diagnostics.rows(run, funnels),
         "suspicions": evidence.suspicions(run),
         "convergence": provenance.convergence(run),

@@ -12,7 +12,7 @@ nothing moves. A sensor that the data cannot place gets no pose, and stops no ot
 from dataclasses import replace
 from functools import partial
 
-from calib import assembly, lenses, markers, refinement, solution, stage, tables
+from calib import assembly, gain, lenses, markers, refinement, solution, stage, tables
 from calib.sessions import repeatability
 from calib.stage import logger
 
@@ -70,6 +70,9 @@ def main(argv=None):
     known = assembly.statuses(sessions, options)
     content = solution.as_json(setup, result, suspected, known, options)
     content["sessions"] |= markers.told(setup, result) if result.solution else {}
+    for name, sensor in content["sensors"].items():
+        known = setup, result, name, options["views"]
+        sensor["next_view"] = gain.best_view(*known) if sensor["T_robot_sensor"] else None
     content["repeatability"] = repeatability(setup, result, **most)
     stage.write_json(args.solution, content)
     tables.write(args.residuals, tables.RESIDUALS, solution.residuals(setup, result))

@@ -63,6 +63,16 @@ LEFT_OUT = {
     "count": 7,
     "of": 70,
 }
+NEXT_VIEW = {
+    "target": "board",
+    "T_sensor_target": rig.pose_json(geometry.pose(None, [0.0, 0.0, 2.0])),
+    "words": "2.0 m away, its face turned 40° left as the sensor sees it",
+    "direction": "translation along z of the robot body",
+    "unit": "m",
+    "sigma": 0.003,
+    "sigma_one": 0.0024,
+    "sigma_four": 0.0016,
+}
 HELD_OUT = {"placements": 2, "directions": 12, "rms_m": 0.002, "rms_rad": 0.01, "ratio": 1.1}
 POSES = {
     "left": geometry.from_rpy([0.1, 0.02, 0.3], np.radians([-90, 0, -90])),
@@ -235,6 +245,7 @@ def sensor_result(sensor):
         "residual": {"rms": 0.0123, "unit": "px" if sensor == "left" else "m"},
         "undetermined": [],
         "advice": "Tilt the board.",
+        "next_view": NEXT_VIEW,
         "left_out": [LEFT_OUT | {"kind": "corner" if sensor == "left" else "surface"}],
         "fit": {},
         "held_out": HELD_OUT,
@@ -287,6 +298,7 @@ def calibration():
 def without_pose(result, name, status):
     """The calibration with one sensor that could not be solved."""
     none = dict.fromkeys(("T_robot_sensor", "covariance", "weakest", "held_out", "predicted"))
+    none["next_view"] = None
     counts = dict.fromkeys(("placements", "observations", "points"), 0)
     result["sensors"][name] |= {"status": status.to_dict(), "verdict": "fail", "rejected": 0.0}
     result["sensors"][name] |= none | counts | {"residual": {"rms": None, "unit": "px"}}

@@ -98,18 +98,25 @@ def _placed(rng, name, axis):
 
 
 def _groups(rng, world, k, name, T_robot_target, noise):
-    target = world.targets[name]
-    T = geometry.inverse(TRUE["lidar"]) @ T_robot_target
-    found = [given.Group("lidar", k, "surface", _returns(rng, world, target, T, k, noise))]
+    found = measured(rng, world, "lidar", k, name, T_robot_target, noise)
     if name == "board":
-        found.append(given.Group("lidar", k, "edge", _crossings(rng, target, T, k, noise)))
-        T = geometry.inverse(TRUE["camera"]) @ T_robot_target
-        uv, valid = world.camera.project(geometry.transform(T, target.pattern.corners()))
-        assert valid.all()
-        uv = uv + noise * PIXEL * rng.normal(size=uv.shape)
-        index = np.arange(len(uv))
-        found.append(given.Group("camera", k, "corner", _table("corner", k, index, PIXEL, uv)))
+        found += measured(rng, world, "camera", k, name, T_robot_target, noise)
     return found
+
+
+def measured(rng, world, sensor, k, name, T_robot_target, noise=1.0):
+    """The Groups of what one of the sensors measures of a target."""
+    target, T = world.targets[name], geometry.inverse(TRUE[sensor]) @ T_robot_target
+    if sensor == "lidar":
+        found = [given.Group("lidar", k, "surface", _returns(rng, world, target, T, k, noise))]
+        if name == "board":
+            found.append(given.Group("lidar", k, "edge", _crossings(rng, target, T, k, noise)))
+        return found
+    uv, valid = world.camera.project(geometry.transform(T, target.pattern.corners()))
+    assert valid.all()
+    uv = uv + noise * PIXEL * rng.normal(size=uv.shape)
+    index = np.arange(len(uv))
+    return [given.Group("camera", k, "corner", _table("corner", k, index, PIXEL, uv))]
 
 
 def _returns(rng, world, target, T, k, noise, n=180):

@@ -89,6 +89,13 @@ def test_an_image_without_the_board_says_what_was_expected():
     assert "0 corners" in status.found and "6 or more of 24 inner corners" in status.expected
 
 
+def test_a_board_that_was_printed_mirrored_is_told_from_none():
+    mirrored = np.ascontiguousarray(photographed()[:, ::-1])
+    found, status = PATTERN.locate(mirrored, CAMERA, np.zeros(2))
+    assert found is None and status.reason == "the ChArUco board is seen mirrored"
+    assert status.remedy.startswith("Print it anew as it is, not mirrored")
+
+
 def test_rows_run_upwards_and_columns_to_the_right_about_the_middle():
     corners = PATTERN.corners().reshape(6, 4, 3)
     np.testing.assert_allclose(corners[0, 0], [-0.09, -0.15, 0])

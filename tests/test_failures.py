@@ -101,6 +101,23 @@ def test_a_board_that_is_stated_the_wrong_way_round_says_which_way_is_right(agai
     assert status["remedy"].startswith("Turn T_body_target of the board that is seen from behind")
 
 
+def test_a_pattern_that_was_printed_mirrored_says_so_on_the_first_screen(again):
+    """Of a board with an odd and an even number of squares, a mirror swaps black and white."""
+    board = again / "config/targets/board.yaml"
+    runs.edit(board, lambda t: t["pattern"].update(first_square="white"))
+    runs.completed(again, VERDICT, "results/sim/report.html")
+    sensors = calibration(again)["sensors"]
+    status = sensors["camera"]["status"]
+    assert status["reason"] == "camera sees the pattern of board the other way round than stated"
+    assert "px from their places counted from a black first square" in status["found"]
+    assert status["remedy"].startswith("Set first_square of board to black.")
+    assert "printed or mounted mirrored" in status["remedy"]
+    assert sensors["velodyne"]["T_robot_sensor"] is not None
+    page = html.unescape((again / "results/sim/report.html").read_text())
+    banner = page[page.index('class="banner') : page.index("</dl>")]
+    assert status["reason"] in banner and status["remedy"] in banner
+
+
 def test_a_sensor_that_cannot_be_found_says_what_to_record_or_write_and_keeps_the_other(again):
     runs.edit(rig(again), lambda r: r["sensors"]["camera"].pop("T_robot_sensor"))
     # The cylinder of this recording is never before the camera.

@@ -18,6 +18,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+import runs
 from calib import formats, geometry, images, rig, stage, tables, urdf
 from calib.formats import foxglove, index, tf_static
 from calib.formats.scene import Session, scene
@@ -486,9 +487,75 @@ def test_a_return_has_the_colour_of_the_pixel_that_shows_it():
     assert colours.tolist() == [[u % 251, v % 251, 0], list(foxglove.GREY), list(foxglove.GREY)]
 
 
+@pytest.fixture(scope="module")
+def told_by_the_log(tmp_path_factory):
+    """Exports of a camera that the rig gives no lens: CameraInfo in the log has it."""
+    folder = runs.simulated(tmp_path_factory.mktemp("heard"), f"{runs.SMALL} --camera-info")
+    assert "params" not in yaml.safe_load(runs.rig(folder).read_text())["sensors"]["camera"]
+    runs.completed(folder)
+    return folder / "results/sim/export"
+
+
+def pinhole(fx, fy, cx, cy):
+    return [fx, 0, cx, 0, fy, cy, 0, 0, 1]
+
+
+def lens_of_opencv(folder):
+    file = cv2.FileStorage(str(folder / "opencv.yaml"), cv2.FILE_STORAGE_READ)
+    found = file.getNode("sensors")
+    nodes = (found.at(i) for i in range(found.size()))
+    (node,) = (n for n in nodes if n.getNode("name").string() == "camera")
+    return node.getNode("camera_matrix").mat(), node.getNode("distortion_coefficients").mat()
+
+
+def lens_of_camera_info(folder):
+    info = yaml.safe_load((folder / "camera_info_camera.yaml").read_text())
+    return info["camera_matrix"]["data"], info["distortion_coefficients"]["data"]
+
+
+def lens_of_kalibr(folder):
+    cam = yaml.safe_load((folder / "camchain.yaml").read_text())["cam0"]
+    return pinhole(*cam["intrinsics"]), cam["distortion_coeffs"]
+
+
+def lens_of_mrcal(folder):
+    model = ast.literal_eval((folder / "camera.cameramodel").read_text())
+    return pinhole(*model["intrinsics"][:4]), model["intrinsics"][4:]
+
+
+def lens_of_koide3(folder):
+    cam = json.loads((folder / "koide3/velodyne/camera/calib.json").read_text())["camera"]
+    return pinhole(*cam["intrinsics"]), cam["distortion_coeffs"]
+
+
+def lens_of_foxglove(folder):
+    (_, info), *_ = messages_of(folder / "foxglove_sim.mcap")["/board/camera/camera_info"]
+    return info.k, info.d
+
+
+LENSES = {
+    "opencv": lens_of_opencv,
+    "ros_camera_info": lens_of_camera_info,
+    "kalibr": lens_of_kalibr,
+    "mrcal": lens_of_mrcal,
+    "koide3": lens_of_koide3,
+    "foxglove": lens_of_foxglove,
+}
+
+
+@pytest.mark.parametrize("name", sorted(LENSES))
+def test_a_lens_that_the_log_tells_is_in_every_format_that_holds_one(name, told_by_the_log):
+    """To 1e-6 px, by OpenCV, against the lens that the simulated camera has."""
+    K, d = (np.array(v, float) for v in LENSES[name](told_by_the_log))
+    points = np.array([[0.1, 0.2, 1.0], [-0.3, 0.1, 1.2], [0.0, 0.0, 1.0], [0.4, -0.3, 0.9]])
+    found = cv2.projectPoints(points[None], np.zeros(3), np.zeros(3), K.reshape(3, 3), d)[0]
+    lens = {"model": "radtan", "params": rigs.PARAMS["radtan"], "size_px": SIZE}
+    uv, _ = rig.camera(lens).project(points)
+    assert np.reshape(found, (-1, 2)) == pytest.approx(uv, abs=1e-6)
+
+
 def test_exports_come_out_the_same_byte_for_byte(finished, exported, monkeypatch):
     import export
-    import runs
 
     monkeypatch.chdir(finished)
     before = {p: p.read_bytes() for p in sorted(exported.rglob("*")) if p.is_file()}

@@ -89,7 +89,7 @@ def exported(home):
     files = {"calibration": "calibration.json", "verdict": "verdict.json"}
     files |= {"output": "export", "history": "history"}
     paths = [a for k, v in files.items() for a in (f"--{k}", str(home / v))]
-    paths += ["--frames", "--placements", "--views", "--urdf"]
+    paths += ["--frames", "--placements", "--guesses", "--views", "--urdf"]
     export.main([*paths, "--options", json.dumps(options)])
 
 

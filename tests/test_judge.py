@@ -26,6 +26,8 @@ def content(made):
     result = solved(made)
     suspected = suspicion.suspicions(made, result)
     told = solution.as_json(made, result, suspected, known, options)
+    for sensor in told["sensors"].values():
+        sensor["next_view"] = None
     return told | {"repeatability": []}
 
 

@@ -38,6 +38,20 @@ def test_estimated_unknowns_are_told(files, undrawn):
     assert "nothing tells its turn about z; tilt it to more sides" in said
 
 
+def test_what_all_beams_may_be_off_by_is_told_where_single_ones_were_found_to_be_off(
+    files, undrawn
+):
+    """Sixteen beams of 4 mm rms in all directions of their basis leave 4 / √17 mm in common."""
+    theta = [0.004, -0.004] * 8
+    beams = {"name": "beams", "text": "beam 3 is longer", "remedy": "", "estimate": theta}
+    beams |= {"sigma": [1e-4] * 16, "prior": [0.02] * 16}
+    files.calibration["sensors"]["top"]["corrections"] = [beams]
+    assert "ranges of top, all together 0 ± 0.97 mm, not estimated" in words(files.render())
+    bias = beams | {"name": "range_bias", "estimate": [0.001]}
+    files.calibration["sensors"]["top"]["corrections"].append(bias)
+    assert "ranges of top, all together" not in words(files.render())
+
+
 def test_every_session_stands_beside_the_others(files, undrawn):
     row = {"session": "s1", "sensor": "left", "others": 1, "chance": 1e-9}
     shift, sigma = [0.003, 0, 0.004, 0, 0, 0.01], [0.0001] * 3 + [0.001] * 3

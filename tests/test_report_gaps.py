@@ -125,6 +125,16 @@ def test_overlays_are_limited(files, undrawn, most):
     assert shown.count(" over the target but not used") == most
 
 
+def test_a_typical_view_is_shown_beside_the_worst(files, undrawn):
+    files.options["report"]["max_overlays"] = 1
+    page = files.render()
+    worst, typical = (words(section(page, name)) for name in ("gallery", "overlays"))
+    assert "s1, view 0: board, placement 0" in worst.split(" top ")[0]
+    assert "A typical view of each sensor" in typical
+    assert "left, s1, view 1: board, placement 1" in typical
+    assert "left, s1, view 0" not in typical
+
+
 def test_unknown_rings_are_not_plotted(files, undrawn):
     files.residuals["index"] = np.full(len(files.residuals["view"]), -1)
     page = files.render()

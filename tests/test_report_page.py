@@ -24,7 +24,8 @@ def test_sections_come_in_order(page):
     "said",
     [
         "PASS Found 2 of 2 sensors calibrated from 1 session.",
-        "warn above 5, fail above 20",
+        "warn above 5 fail above 20",
+        "board 2.0 m away, its face turned 40° left as the sensor sees it 2.4 mm 1.6 mm",
         "roll, ° −90.0000 −90.0000 0.0057 0.0000",
         "x, mm 226.0 200.0 1.3 −26.0",
         "Rejected: 5 % , 299 of 5 977 candidates",

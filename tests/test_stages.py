@@ -224,7 +224,7 @@ def test_export_refuses_a_failed_verdict_and_removes_what_stood_there(here, tmp_
     old.parent.mkdir()
     old.write_text("stale")
     arguments = ["--calibration", tmp_path / "c.json", "--verdict", tmp_path / "v.json"]
-    arguments += ["--frames", "--placements", "--views", "--urdf"]
+    arguments += ["--frames", "--placements", "--guesses", "--views", "--urdf"]
     arguments += ["--output", old.parent, "--history", tmp_path / "history"]
     arguments += ["--options", here["export", ""][-1]]
     with pytest.raises(InputError, match="velodyne: too bad"):

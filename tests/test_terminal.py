@@ -71,6 +71,7 @@ def common(tmp_path, monkeypatch):
         asked = SimpleNamespace(targets=set())
         workflow = SimpleNamespace(basedir=ROOT, dag_settings=asked)
         names = {"workflow": workflow, "shell": MagicMock()}
+        names |= {"SHARE": "", "no_room": lambda: ""}  # alone.smk's
         names["config"] = {"sessions": {"s1": {"rig": "robo", "log": "logs/s1.mcap"}}}
         exec(compile(path.read_text(), path, "exec"), names)
         return names

@@ -201,6 +201,7 @@ def solve_options(w):
     return options(
         solve=CONFIG["solve"],
         associate=CONFIG["associate"],
+        views={k: CONFIG["crop"][k] for k in ("min_returns", "max_incidence_deg")},
         rig=w.rig,
         mocap=mocap_noise(w),
         sensors={s: rig["sensors"][s] for s in sensors_of(w.rig)},

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib import considered
 from calib.information import covariance, inverse, to_unit
 from calib.observability import UNDETERMINED
 
@@ -117,7 +118,7 @@ def sigma_by_count(setup, result, sensor, seed=0):
     of the first n of its placements, the median over random orders of them.
 
     Each is the largest of three; None where so few leave a direction open. Noise as estimated from
-    all placements.
+    all placements; what errors that nobody estimates add, no number of placements takes away.
     """
     index = sorted(setup.models).index(sensor)
     own = sorted({g.placement for g in setup.groups if g.sensor == sensor and not g.moving})
@@ -126,12 +127,13 @@ def sigma_by_count(setup, result, sensor, seed=0):
     prior = np.diag((rows >= setup.poses).astype(float))
     last = len(own)
     counts = np.unique(np.geomspace(min(FIRST, last), last, COUNTS).round().astype(int))
+    added = considered.variance(setup, result)[6 * index : 6 * index + 6]
     rng = np.random.default_rng(seed)
     found = np.zeros((DRAWS, len(counts), 2))
     for draw in found:
         sums = prior + np.cumsum(blocks[rng.permutation(last)], 0)
         for i, n in enumerate(counts):
-            sigma = np.sqrt(np.abs(np.diag(inverse(sums[n - 1]))[at]))
+            sigma = np.sqrt(np.abs(np.diag(inverse(sums[n - 1]))[at]) + added)
             draw[i] = sigma[:3].max(), sigma[3:].max()
     middle = np.median(found, 0)
     told = [[float(v) if v < UNDETERMINED else None for v in column] for column in middle.T]

@@ -12,6 +12,10 @@ AXES = "xyz"
 # Of a target's place in its MCS body, in the order of a twist.
 MOUNT = [f"{what} {axis}" for what in ("its place along", "its turn about") for axis in AXES]
 ALIKE_DEG = 5.0  # rms: what turns no farther about any other axis turns about one only
+ANY = (
+    "Record placements that differ in that direction: the target tilted to all sides, nearer and "
+    "farther, and at the sides of the view."
+)
 
 
 def undetermined(information, n_sensors, sensor):
@@ -59,18 +63,28 @@ def _nearest(direction):
     axis = int(np.abs(direction).argmax())
     if abs(direction[axis]) > 0.95:
         return f"{AXES[axis]} of the robot body"
-    shown = ", ".join(f"{v:.2f}" for v in direction * np.sign(direction[axis]))
+    # Adding zero turns a rounded -0 into 0.
+    shown = np.round(direction * np.sign(direction[axis]), 2) + 0.0
+    shown = ", ".join(f"{v:.2f}" for v in shown)
     return f"({shown}) of the robot body, mainly {AXES[axis]}"
 
 
-def weakest(sensor_covariance, T_robot_sensor):
-    """The least certain direction of a covariance (6, 6), in words, and its σ, m or rad."""
+def loosest(sensor_covariance):
+    """The least certain direction of a covariance (6, 6): the weights (6,) of the numbers of a pose
+    whose sum has that σ, the σ, and its unit, m or rad."""
     scale = np.repeat([1.0, ARM], 3)
     values, vectors = np.linalg.eigh(scale[:, None] * sensor_covariance * scale)
     twist = vectors[:, -1]
     turning = np.linalg.norm(twist[3:]) > np.linalg.norm(twist[:3])
-    sigma = np.sqrt(max(values[-1], 0.0)) / (ARM if turning else 1.0)
-    return in_words(twist, T_robot_sensor), float(sigma)
+    length = ARM if turning else 1.0
+    sigma = np.sqrt(max(values[-1], 0.0)) / length
+    return scale * twist / length, float(sigma), "rad" if turning else "m"
+
+
+def weakest(sensor_covariance, T_robot_sensor):
+    """The least certain direction of a covariance (6, 6), in words, and its σ, m or rad."""
+    weights, sigma, _ = loosest(sensor_covariance)
+    return in_words(weights, T_robot_sensor), sigma
 
 
 def axes(shapes, T_robot_target):
@@ -145,7 +159,14 @@ def advice(seen, placements, lidar):
             f"All boards face the same way within {flat or 0.0:.0f}°: turn the board by 20 to 40° "
             "to the left, to the right, up and down."
         )
+    return ANY
+
+
+def next_view(best):
+    """What to record next and what it would do, of gain.best_view."""
+    scale, unit = (np.degrees(1), "°") if best["unit"] == "rad" else (1e3, " mm")
+    now, one, four = (f"{best[k] * scale:.2g}" for k in ("sigma", "sigma_one", "sigma_four"))
     return (
-        "Record placements that differ in that direction: the target tilted to all sides, nearer "
-        "and farther, and at the sides of the view."
+        f"Hold the {best['target']} still {best['words']}: σ of {best['direction']} "
+        f"{now} → {one}{unit} by one such placement, {four}{unit} by four."
     )

@@ -1,10 +1,14 @@
 """How well measurements and model agree, sensor by sensor, as numbers to be judged."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from calib import chain, geometry, kinds, observability
+from calib.kinds import corner
 
 BEYOND = 3.0  # σ
+OTHERWISE = 0.3  # of the misfit: a reading that fits by so much better is what was printed
 OF_TARGET = ("corner", "edge")  # features are the target's; of other kinds the sensor's
 UNIT = {"camera": "px", "lidar": "m"}
 # What a measurement is that belongs to no part of its target: (admitted by the geometry but beyond
@@ -95,6 +99,25 @@ def fit(name, setup, result):
             "whiteness": whiteness(found),
         }
     return out
+
+
+def misread(name, setup, result):
+    """(target, its pattern, px, px) of a checkerboard of which no corner is a member: how far they
+    lie from their places counted from a first square of the stated colour, and of the other, where
+    that explains them by far; None otherwise."""
+    for g, a in own(name, setup, result):
+        target = setup.placements[g.placement].target
+        pattern = setup.targets[target].pattern
+        if g.kind == "corner" and not (a.feature >= 0).any() and hasattr(pattern, "first_square"):
+            T = chain.T_sensor_target(setup, result.state, name, g.placement)
+            points = geometry.transform(T, pattern.corners())
+            uv, _ = chain.model(setup, result.state, g).project(points)
+            rows = np.flatnonzero(g.keypoints["view"] == g.keypoints["view"][0])
+            either = pattern, replace(pattern, first_square=None)
+            stated, free = (corner.readings(p, uv, g.keypoints, rows)[1].min() for p in either)
+            if free < OTHERWISE * stated:
+                return target, pattern, stated, free
+    return None
 
 
 def whiteness(found):

@@ -86,6 +86,8 @@ def outcome(name, known, open_directions, setup, result):
     if not before.ok:
         return before
     if open_directions[name]:
+        if misread := quality.misread(name, setup, result):
+            return turned(name, *misread)
         words = "; ".join(d["words"] for d in open_directions[name])
         return failed(
             f"the data do not determine {name}: {words}",
@@ -96,6 +98,18 @@ def outcome(name, known, open_directions, setup, result):
     if not result.solution.success:
         return failed(f"IPOPT ended with {result.solution.status}", remedy="See solve.log.")
     return OK
+
+
+def turned(name, target, pattern, stated, otherwise):
+    """The Status of a camera that sees the pattern of a target counted from another end."""
+    colour = {"black": "white", "white": "black"}[pattern.first_square]
+    return failed(
+        f"{name} sees the pattern of {target} the other way round than stated",
+        f"corners {otherwise:.1f} px from their places counted from a {colour} first square",
+        f"from a {pattern.first_square} one, but so they are {stated:.0f} px off",
+        f"Set first_square of {target} to {colour}. Where the sheet should begin with "
+        f"{pattern.first_square}, it was printed or mounted mirrored: print it anew as it is.",
+    )
 
 
 def advice(name, setup, result):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib import wrongs
+from calib import observability, wrongs
 from calib.findings import DEG, LEVELS, MM, PERCENT, REMEDY, finding, measured, worst
 
 # Checks in order of importance: what is wrong comes before what it does to the numbers.
@@ -132,6 +132,8 @@ def _more_views(sensor, check, value, limits):
     n, limit = sensor["placements"], limits[f"warn_{check}"]
     needed = int(np.ceil(n * (value / limit) ** 2)) if np.isfinite(value) else None
     remedy = f"least certain: {sensor['weakest']['direction']}. {sensor['advice']}"
+    if sensor["next_view"]:
+        remedy = observability.next_view(sensor["next_view"])
     if needed and needed > n:
         remedy += f" About {needed} placements like the {n} so far would reach the limit."
     return remedy

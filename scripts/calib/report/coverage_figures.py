@@ -70,9 +70,11 @@ def _directions(ax, found):
     ):
         if len(at):
             ax.plot(*at.T, mark, ms=4.5 if mark == "o" else 7, mew=1.6, color=colour, label=label)
-    ax.set(title="directions of the targets", **SKY)
+    ax.set(title="directions", **SKY)
     ax.xaxis.set_ticks((-180, -90, 0, 90, 180))
     ax.yaxis.set_ticks((-90, -45, 0, 45, 90))
     ax.axhline(0, color=GREY, lw=0.6)
     if len(found.normals) or len(found.axes):
-        ax.legend(loc="upper right", ncols=2, columnspacing=0.8, handletextpad=0.2)
+        # Beside the title: within, it would lie on what it names.
+        place = dict(loc="lower right", bbox_to_anchor=(1, 0.99), borderpad=0, borderaxespad=0)
+        ax.legend(ncols=2, columnspacing=0.8, handletextpad=0, handlelength=1.2, **place)

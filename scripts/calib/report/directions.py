@@ -22,6 +22,16 @@ def principal(sensor, T_robot_sensor):
     return out
 
 
+def following(best):
+    """{words, one, four}: the view to add next, and σ with one such placement and with four; empty
+    where none is known."""
+    if not best:
+        return {}
+    scale, unit = (DEG, "°") if best["unit"] == "rad" else (MM, "mm")
+    one, four = (f"{text.number(best[k] * scale, 2)} {unit}" for k in ("sigma_one", "sigma_four"))
+    return {"words": f"{best['target']} {best['words']}", "one": one, "four": four}
+
+
 def rows(run):
     """What is told of every sensor: open directions, the six of its pose, what to record next."""
     out = []
@@ -32,6 +42,8 @@ def rows(run):
         if six and six[-1][2] > 0:
             told["ratio"] = text.number(six[0][2] / six[-1][2], 2)
         told["open"] = [d["words"] for d in sensor["undetermined"]]
+        told["next"] = following(sensor["next_view"])
+        told["general"] = sensor["advice"] == observability.ANY
         told["advice"] = sensor["advice"] or sensor["status"]["remedy"]
         out.append(told)
     return out

@@ -25,6 +25,7 @@ def other_unknowns(run):
         if s["kind"] == "camera":
             rows.append((f"intrinsics of {name}", _lens(run, name, s)))
         rows += [(f"{CORRECTED[c['name']]} of {name}", c["text"]) for c in s["corrections"]]
+        rows += [(f"ranges of {name}, all together", told) for told in _in_common(s)]
     for name, target in sorted(run.calibration["targets"].items()):
         rows.append((f"alignment of {name} in its MCS body", _alignment(run, name, target)))
     for name, session in sorted(run.calibration["sessions"].items()):
@@ -32,6 +33,21 @@ def other_unknowns(run):
             T = np.array(session["T_robot_markers"]["matrix"])
             rows.append((f"robot markers in {name}, in R", _pose(T, session["covariance"])))
     return rows
+
+
+def _in_common(sensor):
+    """What the beams of a lidar may be off by in common where single ones were found to be off and
+    that is not estimated (considered.errors), in a list."""
+    found = {c["name"]: np.array(c["estimate"]) for c in sensor["corrections"]}
+    if "beams" not in found or "range_bias" in found:
+        return []
+    # The numbers of beams are along an orthonormal basis: their squares are those of the errors.
+    theta = found["beams"]
+    sigma = np.sqrt(np.sum(theta**2) / len(theta) / (len(theta) + 1))
+    return [
+        f"0 ± {text.number(sigma * MM, 2)} mm, not estimated, but in the σ of the pose: targets on "
+        "one side of a lidar do not tell ranges that are too long from a lidar farther back"
+    ]
 
 
 def _offset(sensor):

@@ -9,7 +9,21 @@ DRAW = {"camera": camera_overlays.draw, "lidar": lidar_overlays.draw}
 
 def of_sensor(run, sensor):
     """Overlays of one sensor: the worst view of the worst placements, then views without a find."""
-    chosen = choose(run, sensor, run.options["report"]["max_overlays"])
+    return drawn(run, sensor, choose(run, sensor, run.options["report"]["max_overlays"]))
+
+
+def typical(run, sensor):
+    """The overlay of the view in the middle of those that of_sensor does not show, by its
+    residuals, in a list; none where all are shown."""
+    most = run.options["report"]["max_overlays"]
+    worst = choose(run, sensor, most)
+    left = [view for view in placements(run, sensor) if view not in worst]
+    middle = left[len(left) // 2 : len(left) // 2 + 1]
+    return drawn(run, sensor, middle if most else [])
+
+
+def drawn(run, sensor, chosen):
+    """{head, drawing} of views [(session, view, score or None)]."""
     read = {
         session: payloads(stream.path, [v for s, v, _ in chosen if s == session])
         for session, stream in streams(run, sensor).items()
@@ -19,8 +33,8 @@ def of_sensor(run, sensor):
     out = []
     for session, view, score in chosen:
         here = {k: _of_view(c, session, view) for k, c in rows.items()}
-        drawn = draw(run, sensor, session, read[session][view], here)
-        out.append({"head": head(run, sensor, session, view, score), "drawing": drawn})
+        drawing = draw(run, sensor, session, read[session][view], here)
+        out.append({"head": head(run, sensor, session, view, score), "drawing": drawing})
     return out
 
 
@@ -31,14 +45,7 @@ def streams(run, sensor):
 
 def choose(run, sensor, most):
     """[(session, view, score or None)]: one per placement, the worst first, then some failures."""
-    scores = residuals.view_scores(residuals.of(run, sensor))
-    best = {}
-    for (session, view), (placement, value, _) in scores.items():
-        key = session, placement
-        if key not in best or value > best[key][2]:
-            best[key] = session, view, value
-    used = sorted(best.values(), key=lambda r: (-r[2], r[:2]))
-    used = _every_target_first(run, sensor, used)
+    used = _every_target_first(run, sensor, placements(run, sensor))
     failed = [
         (session, view, None)
         for session, stream in streams(run, sensor).items()
@@ -48,6 +55,17 @@ def choose(run, sensor, most):
     n_failed = min(len(failed), max(most // 3, most - len(used)))
     shown = sorted(used[: most - n_failed], key=lambda r: (-r[2], r[:2]))
     return shown + failed[:n_failed]
+
+
+def placements(run, sensor):
+    """[(session, view, score)] of the worst view of every placement, the worst first."""
+    scores = residuals.view_scores(residuals.of(run, sensor))
+    worst = {}
+    for (session, view), (placement, value, _) in scores.items():
+        key = session, placement
+        if key not in worst or value > worst[key][2]:
+            worst[key] = session, view, value
+    return sorted(worst.values(), key=lambda r: (-r[2], r[:2]))
 
 
 def _every_target_first(run, sensor, views):

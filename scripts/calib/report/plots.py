@@ -16,9 +16,9 @@ WIDTH, HEIGHT, WIDE = 3.6, 2.5, 8.5  # inch: a phone's width at a readable size;
 LEFT, RIGHT, BOTTOM, TOP = 0.62, 0.12, 0.46, 0.26  # inch, for tick labels, axis labels and title
 DPI = 130  # of what is drawn as pixels in an SVG
 PAPER_DPI = 180
-SPARSE = 24_000  # characters of an SVG, up to which paper shows it
+SPARSE = 90_000  # characters of an SVG, up to which paper shows it
 # Full colour resolution, or thin lines of colour smear.
-JPEG = [cv2.IMWRITE_JPEG_QUALITY, 90, cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+JPEG = [cv2.IMWRITE_JPEG_QUALITY, 82, cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
         cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]  # fmt: skip
 LABELS = 0.44, 0.23  # inch from the axes to the labels of y and x
 # The light page's own colours, so that paper needs no others; to_svg makes them follow the page.

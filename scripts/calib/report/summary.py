@@ -24,7 +24,7 @@ def checks(sensor):
         ("largest rotation σ", "°", "sigma_deg", 1.0, rotation, True),
         ("rejected", "%", "rejected", 100.0, sensor["rejected"] if solved else None, True),
         ("placements", "", "placements", 1, sensor["placements"], False),
-        ("placements left out", "σ", "heldout", 1.0, held["ratio"] if held else None, True),
+        ("cross-validation error", "σ", "heldout", 1.0, held["ratio"] if held else None, True),
     )
 
 
@@ -44,10 +44,10 @@ def _share(value, limit, large_is_bad):
 
 
 def _limit(limits, key, factor, large_is_bad):
-    """`warn above 5, fail above 20` of one pair of limits."""
+    """`warn above 5`, `fail above 20` of one pair of limits."""
     side = "above" if large_is_bad else "below"
     found = [(lv, limits.get(f"{lv}_{key}")) for lv in ("warn", "fail")]
-    return ", ".join(f"{lv} {side} {text.number(v * factor)}" for lv, v in found if v is not None)
+    return [f"{lv} {side} {text.number(v * factor)}" for lv, v in found if v is not None]
 
 
 def verdict(run):

@@ -39,10 +39,10 @@ def _map(ax, panel):
     uv, sigma = task.pixels(model, T, covariance, DISTANCE)
     if len(sigma) > 3 and np.ptp(sigma) > 1e-9 * sigma.max():
         lines = ax.tricontour(*uv.T, sigma, levels=5, colors=[BLUE], linewidths=1.1)
-        ax.clabel(lines, fontsize=6.5, colors=[INK], fmt=lambda v: text.number(v, 2))
+        ax.clabel(lines, fontsize=6.5, colors=[INK], fmt=lambda v: text.number(v, 3))
     if len(sigma):
         worst = uv[sigma.argmax()]
-        ax.plot(*worst, "x", ms=5, color=INK)
+        ax.plot(*worst, "x", ms=5, color=INK, clip_on=False)
     width, height = model.size
     ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", anchor="W")
     ax.set(xlabel="u, px", ylabel="v, px", title=f"{_other(panel)} in {camera}")

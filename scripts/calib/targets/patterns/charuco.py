@@ -75,6 +75,10 @@ class Charuco:
         row, column = np.divmod(ids.reshape(-1), columns)
         return (rows - 1 - row) * columns + column, uv.reshape(-1, 2).astype(float)
 
+    def _mirrored(self, grey):
+        """Whether a grey image (h, w) uint8 shows the board as a mirror would."""
+        return len(self._read(np.ascontiguousarray(grey[:, ::-1]))[0]) >= FEWEST
+
     def detect(self, grey):
         """All corners (n, 2) of a grey image (h, w) uint8 in order, or None if some are hidden."""
         index, uv = self._read(grey)
@@ -86,6 +90,16 @@ class Charuco:
         region = Region(grey, camera, np.asarray(offset, float))
         index, uv = self._read(grey)
         cells = self._cells[index]
+        if (
+            len(index) < FEWEST
+            and len(self._read(np.ascontiguousarray(grey[:, ::-1]))[0]) >= FEWEST
+        ):
+            return None, failed(
+                f"the {self.name} is seen mirrored",
+                "markers that read backwards",
+                self.expected,
+                "Print it anew as it is, not mirrored; or switch off the camera's mirror image.",
+            )
         flat = len(index) < FEWEST or min(map(len, map(np.unique, cells.T))) < 2
         plane = None if flat else Plane.through(region, cells, uv)
         if plane is None:
