@@ -26,21 +26,24 @@ def columns(recording, clocks, mocap):
     gap = round(mocap["max_gap_s"] * NS)
     wanted = recording.streams.bodies
     found = chains.bodies(edges, recording.static, mocap["map"], wanted, gap)
-    named = [{"body": np.full(len(c["t"]), name)} | c for name, c in found.items()]
+    named = [{"body": np.full(len(c["t"]), name, object)} | c for name, c in found.items()]
     return tables.concatenate(named, tables.MOCAP), words
 
 
 def _judged(several):
     """Columns of one edge from one or more topics, in log order, each pose with its fault."""
-    joined = {k: np.concatenate([c[k] for c in several]) for k in several[0]}
-    order = np.argsort(joined["log_t"], kind="stable")
-    joined = {k: v[order] for k, v in joined.items()}
+    joined = several[0]
+    if len(several) > 1:
+        joined = {k: np.concatenate([c[k] for c in several]) for k in several[0]}
+    if (np.diff(joined["log_t"]) < 0).any():
+        order = np.argsort(joined["log_t"], kind="stable")
+        joined = {k: v[order] for k, v in joined.items()}
     return joined | {"fault": faults.of(joined["t"], joined["xyz"], joined["quat"])}
 
 
 def audit(poses, name, recording, log, mocap):
     """Count, rate, gaps and faults of one body, with a status."""
-    rows = np.asarray(poses["body"], str) == name
+    rows = poses["body"] == name
     if not rows.any():
         status = _unseen(name, poses, recording, log, mocap)
         return {"status": status.to_dict(), "poses": 0}
@@ -89,7 +92,7 @@ def _unseen(name, poses, recording, log, mocap):
     if parents := sorted(recording.streams.parents.get(name, ())):
         found = f"it is given in {' and '.join(parents)}, which nothing connects to {mocap['map']}"
         return failed(reason, found, remedy=f"Set `mocap.map` to {parents[0]}.")
-    seen = sorted({*np.asarray(poses["body"], str).tolist(), *recording.streams.parents})
+    seen = sorted({*poses["body"].tolist(), *recording.streams.parents})
     near = difflib.get_close_matches(name, seen, 1)
     remedy = "check `body`, `mocap.topics` and `mocap.map`, the parent frame of the poses"
     found = f"bodies {', '.join(seen) or 'none'}"

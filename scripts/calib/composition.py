@@ -14,7 +14,7 @@ def composed(chain, edges, static, max_gap):
         base = edges[moving[-1]]
     elif edges:
         base = max(edges.values(), key=lambda c: len(c["t"]))
-        base = base | {"fault": np.full(len(base["t"]), "", "U24")}
+        base = base | {"fault": np.full(len(base["t"]), "", object)}
     else:
         return None
     fixed = [e for e in chain if e not in edges]

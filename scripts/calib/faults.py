@@ -18,7 +18,7 @@ BURST, LATE = 0.2, 1.5  # of the usual period: stamps of messages that waited fo
 
 def of(t, xyz, quat):
     """What is wrong with each pose of one body in log order ("" = nothing), (n,) of str."""
-    out = np.full(len(t), "", dtype="U24")
+    out = np.full(len(t), "", dtype=object)
     if len(t) == 0:
         return out
     out[_stamps(t)] = "stamp not increasing"
@@ -33,7 +33,7 @@ def of(t, xyz, quat):
 
 def alone(xyz, quat):
     """What is wrong with each pose of one body whatever its time, (n,) of str."""
-    out = np.full(len(xyz), "", dtype="U24")
+    out = np.full(len(xyz), "", dtype=object)
     with np.errstate(over="ignore"):
         norm = np.linalg.norm(quat, axis=1)
     out[np.abs(norm - 1) > NORM] = "quaternion not unit"

@@ -29,9 +29,10 @@ class Stream:
         self._values.extend((*xyz, *quat))
 
     def columns(self):
-        """{t, log_t (n,) ns, xyz (n, 3), quat (n, 4)} in log order, t -1 where there is none."""
-        values = np.array(self._values).reshape(-1, 7)
-        t, log_t = np.array(self._t, np.int64), np.array(self._log_t, np.int64)
+        """{t, log_t (n,) ns, xyz (n, 3), quat (n, 4)} in log order, t -1 where there is none; no
+        copies, so that an hour of poses stands in memory once."""
+        values = np.frombuffer(self._values).reshape(-1, 7)
+        t, log_t = np.frombuffer(self._t, np.int64), np.frombuffer(self._log_t, np.int64)
         return {"t": t, "log_t": log_t, "xyz": values[:, :3], "quat": values[:, 3:]}
 
 

@@ -157,7 +157,7 @@ def _array(field, values):
         flat = np.ascontiguousarray(np.asarray(values, float).reshape(-1))
         return pa.FixedSizeListArray.from_arrays(pa.array(flat), field.type.list_size)
     if pa.types.is_dictionary(field.type):
-        return pa.array(np.asarray(values, dtype=str), pa.string()).dictionary_encode()
+        return pa.array(values, pa.string()).dictionary_encode()
     return pa.array(values if isinstance(values, list) else np.asarray(values), field.type)
 
 
@@ -208,7 +208,7 @@ def _numpy(array):
     if pa.types.is_fixed_size_list(array.type):
         return array.flatten().to_numpy(zero_copy_only=False).reshape(-1, array.type.list_size)
     if pa.types.is_dictionary(array.type):
-        return np.asarray(array.dictionary_decode().to_pylist(), dtype=str)
+        return np.asarray(array.dictionary.to_pylist(), str)[array.indices.to_numpy()]
     if pa.types.is_list(array.type):
         return [row.values.to_numpy() for row in array]
     if pa.types.is_binary(array.type):
