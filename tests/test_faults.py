@@ -1,12 +1,13 @@
 """Faults of motion capture, each found by its rule and counted, and nothing else lost."""
 
 import time
+from collections import Counter
 
 import numpy as np
 import pytest
 
 import containers
-from calib import chains, faults, geometry, mcs, stage, stamps, streams
+from calib import chains, faults, geometry, mcs, stage, stamps, streams, swaps
 from containers import BEGIN, BOARD, MAP, MS, ROBOT
 from test_intake import taken
 
@@ -85,6 +86,45 @@ def test_names_that_are_swapped_for_a_while_are_a_jump_of_both():
     xyz[swap], other[swap] = other[swap].copy(), xyz[swap].copy()
     for track in ((xyz, quat), (other, turned)):
         assert found(t, *track) == {"jump": span(120, 150)}
+
+
+def track(t, xyz, quat):
+    """Columns of a body, each pose with its fault."""
+    return {"t": t, "xyz": xyz, "quat": quat, "fault": faults.of(t, xyz, quat)}
+
+
+def two_bodies():
+    """Columns of a robot and of a board 2 m beside it, before their faults are told."""
+    t, xyz, quat = moving()
+    _, other, turned = moving(seed=1)
+    return (t, xyz, quat), (t.copy(), other + [2.0, 0, 0], turned)
+
+
+def named(*bodies):
+    """{fault: number of poses} of bodies that are looked at together."""
+    tracks = swaps.named({str(i): track(*b) for i, b in enumerate(bodies)})
+    return [Counter(c["fault"][c["fault"] != ""].tolist()) for c in tracks.values()]
+
+
+@pytest.mark.parametrize("swap", [slice(120, 150), slice(0, 30), slice(370, 400)])
+def test_names_that_two_bodies_exchange_are_said_to_be_swapped(swap):
+    one, other = two_bodies()
+    one[1][swap], other[1][swap] = other[1][swap].copy(), one[1][swap].copy()
+    one[2][swap], other[2][swap] = other[2][swap].copy(), one[2][swap].copy()
+    assert named(one, other) == [{"names swapped": 30}, {"names swapped": 30}]
+
+
+def test_a_body_that_jumps_to_where_no_other_was_is_not_swapped():
+    one, other = two_bodies()
+    one[1][120:150] += [0, 0, 1.5]
+    other[1][125:150] += [0, 0, 2.5]
+    assert named(one, other) == [{"jump": 30}, {"jump": 25}]
+
+
+def test_a_body_that_jumps_to_where_another_still_is_is_not_swapped():
+    one, other = two_bodies()
+    one[1][120:150], one[2][120:150] = other[1][120:150], other[2][120:150]
+    assert named(one, other) == [{"jump": 30}, {}]
 
 
 def test_of_a_track_that_jumps_for_good_the_longer_part_holds():

@@ -4,7 +4,7 @@ import difflib
 
 import numpy as np
 
-from calib import chains, faults, intake, mcs, streams, tables
+from calib import chains, faults, intake, mcs, streams, swaps, tables
 from calib.status import OK, failed
 
 NS = intake.NS
@@ -22,7 +22,7 @@ def columns(recording, clocks, mocap):
         for edge, c in edges.items():
             timed = c | {"t": clocks[topic].times(c["t"], c["log_t"])}
             parts.setdefault(edge, []).append(timed)
-    edges = {edge: _judged(several) for edge, several in sorted(parts.items())}
+    edges = _told_apart({edge: _judged(several) for edge, several in sorted(parts.items())})
     gap = round(mocap["max_gap_s"] * NS)
     wanted = recording.streams.bodies
     found = chains.bodies(edges, recording.static, mocap["map"], wanted, gap)
@@ -36,6 +36,15 @@ def _judged(several):
     order = np.argsort(joined["log_t"], kind="stable")
     joined = {k: v[order] for k, v in joined.items()}
     return joined | {"fault": faults.of(joined["t"], joined["xyz"], joined["quat"])}
+
+
+def _told_apart(edges):
+    """The edges, with swapped names named as such among those of one parent."""
+    out = {}
+    for parent in sorted({parent for parent, _ in edges}):
+        tracks = {child: c for (p, child), c in edges.items() if p == parent}
+        out |= {(parent, child): c for child, c in swaps.named(tracks).items()}
+    return out
 
 
 def audit(poses, name, recording, log, mocap):
