@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import containers
+import recorders
 from calib import chains, faults, geometry, mcs, stage, stamps, streams, swaps
 from containers import BEGIN, BOARD, MAP, MS, ROBOT
 from test_intake import taken
@@ -338,6 +339,20 @@ def test_a_body_that_nothing_connects_to_the_map_is_not_there(static):
 
 
 # --- in a log
+
+
+def test_a_body_on_a_static_frame_of_one_that_hangs_from_another_is_found_in_a_log(tmp_path):
+    """Map - (static) - tracker - plate - (static) - robot, each link in its own message."""
+    rows = recorders.mocap("TFMessage, a chain")
+    options = containers.options("TFMessage")
+    poses, _, audit = taken(str(containers.mcap(tmp_path / "a.mcap", rows)), options)
+    known = recorders.scene()
+    for body in (ROBOT, BOARD):
+        assert audit["bodies"][body]["status"]["ok"]
+        mine = poses["body"] == body
+        T = geometry.from_xyz_quat(poses["xyz"][mine], poses["quat"][mine])
+        assert np.abs(T - known.poses[body]).max() < 1e-12
+        assert (poses["t"][mine] == known.times).all()
 
 
 def recorded(tmp_path, rows, **mocap):

@@ -48,6 +48,14 @@ class Streams:
         self._found = {}
         self.parents = {}  # body -> frames that it was given in
 
+    def want_parents(self, static):
+        """Take also what places the frames that static edges (parent, child) hold the bodies in."""
+        parents = {child: parent for parent, child in static}
+        for body in self.bodies:
+            while body in parents and parents[body] not in self._wanted:
+                body = parents[body]
+                self._wanted.add(body)
+
     def take(self, message):
         """Add what a message of motion capture says; raises InputError where it cannot be read."""
         named = self.names.get(message.topic)

@@ -1,0 +1,181 @@
+"""Faults of lidars."""
+
+import numpy as np
+
+import containers
+import fault
+from fault import CLOUDS, Fault, S, clouds, put, repacked
+
+XYZ = dict.fromkeys("xyz", "f4")
+VELODYNE = XYZ | {"intensity": "f4", "ring": "u2", "time": "f4"}
+
+
+def time_as(kind, scale, shift=0.0):
+    """A damage that gives the times of points in another type, unit and from another begin."""
+
+    def change(array, number):
+        out = repacked(array, VELODYNE | {"time": kind})
+        out["time"] = np.round(scale * (array["time"].astype(float) + shift), 6)
+        return out
+
+    return clouds(change)
+
+
+def on_a_clock(ahead_s):
+    """A damage that gives times on a clock that is so far ahead of the stamps'."""
+
+    def of_message(message, number):
+        array = fault.points(message)
+        kept = {k: v for k, v in VELODYNE.items() if k != "time"}
+        wide = np.zeros(len(array), [*kept.items(), ("timestamp", "f8")])
+        for name in kept:
+            wide[name] = array[name]
+        wide["timestamp"] = fault.stamp_ns(message.header) / S + ahead_s + array["time"]
+        put(message, wide)
+
+    return fault.on(CLOUDS, of_message)
+
+
+def stamped_at_end(message, number):
+    """The stamp of the last point, and times still counted from the first."""
+    fault.set_stamp(message.header, fault.stamp_ns(message.header) + S // 10)
+
+
+def with_nothing(value):
+    """A damage that adds as many beams without a return as there are points."""
+
+    def change(array, number):
+        none = array.copy()
+        for axis in "xyz":
+            none[axis] = value
+        return np.stack([array, none], 1).reshape(-1)
+
+    return clouds(change)
+
+
+def organised(message, number):
+    """Beams by columns, as Ouster's: NaN where there is no return."""
+    array = fault.points(message)
+    beams = int(array["ring"].max()) + 1
+    column = np.cumsum(np.diff(array["ring"].astype(int), prepend=array["ring"][:1]) < 0)
+    grid = np.zeros((beams, int(column.max()) + 1), array.dtype)
+    for axis in "xyz":
+        grid[axis] = np.nan
+    grid["ring"] = np.arange(beams)[:, None]
+    grid[array["ring"], column] = array
+    put(message, grid.reshape(-1), beams)
+
+
+def big_endian(message, number):
+    put(message, repacked(fault.points(message), VELODYNE, order=">"))
+    message.is_bigendian = True
+
+
+def empty(message, number):
+    if number % 3 == 1:
+        put(message, fault.points(message)[:0])
+
+
+def claims_too_much(message, number):
+    if number % 4 == 3:
+        message.width *= 1000
+
+
+def another_frame(message, number):
+    message.header.frame_id = "os_sensor"
+
+
+def packets(rows):
+    """What the lidar sends in place of every cloud."""
+    kind = "velodyne_msgs/msg/VelodyneScan"
+    return [
+        (t, topic, kind, containers.make(kind, header=message.header, packets=[]))
+        if topic == CLOUDS
+        else (t, topic, known, message)
+        for t, topic, known, message in rows
+    ]
+
+
+def millimetres(array, number):
+    for axis in "xyz":
+        array[axis] *= 1000
+    return array
+
+
+def moved_into_body(array, number):
+    """Points that a driver has moved by 0.2 m and turned by 30°, as into base_link."""
+    c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
+    x, y = array["x"].copy(), array["y"].copy()
+    array["x"], array["y"] = c * x - s * y + 0.2, s * x + c * y
+    return array
+
+
+def without(*names):
+    left = {k: v for k, v in VELODYNE.items() if k not in names}
+    return clouds(lambda array, number: repacked(array, left))
+
+
+LIDAR = {
+    "no_ring": Fault("no field for the ring", "velodyne: ring", without("ring")),
+    "no_time": Fault("no field for the time of a point", "velodyne: time", without("time")),
+    "time_in_us": Fault(
+        "times in microseconds, as 32-bit floats", "velodyne: time", time_as("f4", 1e6),
+    ),
+    "time_before_end": Fault(
+        "stamps of the scan's end, and times before it", "velodyne: time",
+        lambda rows: time_as("f4", 1.0, -0.1)(fault.on(CLOUDS, stamped_at_end)(rows)),
+    ),
+    "time_sign": Fault(
+        "stamps of the scan's begin, but times that count down to zero", "velodyne: time",
+        time_as("f4", 1.0, -0.1),
+    ),
+    "stamp_at_end": Fault(
+        "stamps of the scan's end, but times from its begin", "velodyne: time",
+        fault.on(CLOUDS, stamped_at_end),
+    ),
+    "stamp_at_end_stated": Fault(
+        "the same, and `point_time: {origin: last}` in the rig", "velodyne: time",
+        fault.on(CLOUDS, stamped_at_end),
+        config=lambda session, rig, targets: rig["sensors"]["velodyne"].update(
+            point_time={"origin": "last"}
+        ),
+    ),
+    "time_zero": Fault("times that are all zero", "velodyne: time", time_as("f4", 0.0)),
+    "time_tai": Fault(
+        "times of points in TAI, 37 s ahead of the stamps", "velodyne: time", on_a_clock(37.0),
+    ),
+    "lidar_tai": Fault(
+        "stamps of the lidar in TAI, 37 s ahead", "velodyne",
+        fault.on(CLOUDS, lambda m, i: fault.set_stamp(m.header, fault.stamp_ns(m.header) + 37 * S)),
+    ),
+    "nothing_nan": Fault("beams without a return as NaN", "", with_nothing(np.nan)),
+    "nothing_inf": Fault("beams without a return as infinity", "", with_nothing(np.inf)),
+    "organised": Fault("an organised cloud", "", fault.on(CLOUDS, organised)),
+    "big_endian": Fault("a big-endian cloud", "", fault.on(CLOUDS, big_endian)),
+    "padded": Fault(
+        "points padded to 48 bytes", "",
+        clouds(lambda array, number: repacked(array, VELODYNE, 48)),
+    ),
+    "half_the_scans": Fault(
+        "every second scan is missing", "velodyne",
+        fault.without(lambda row, i: row[1] == CLOUDS and i % 2 == 1),
+    ),
+    "empty_clouds": Fault("every third cloud is empty", "velodyne", fault.on(CLOUDS, empty)),
+    "damaged_clouds": Fault(
+        "every fourth cloud claims a thousand times its points", "the message is damaged",
+        fault.on(CLOUDS, claims_too_much),
+    ),
+    "another_frame_id": Fault(
+        "a frame_id that nobody knows", "velodyne", fault.on(CLOUDS, another_frame),
+    ),
+    "packets": Fault("the lidar's packets in place of clouds", "packets", packets),
+    "cloud_millimetres": Fault("a cloud in millimetres", "velodyne", clouds(millimetres)),
+    "cloud_in_body_frame": Fault(
+        "a cloud that the driver has moved into the robot's frame", "velodyne",
+        clouds(moved_into_body),
+    ),
+    "beam_bias": Fault(
+        "every beam reads up to centimetres too long or too short", "velodyne",
+        simulated="--beam-bias-m 0.01",
+    ),
+}  # fmt: skip
