@@ -21,7 +21,7 @@ class Fault(NamedTuple):
     damage: rows -> rows of the log; simulated: arguments of simulate.py beyond those of the clean
     log; write: function of (path without suffix, rows) that gives the log as config.yaml names it,
     None for one MCAP; spoil: bytes of that MCAP -> bytes; config: function that changes the
-    config's (session, rig, {target: its file}).
+    config's (session, rig, {target: its file}); note: what has to be known of what comes of it.
     """
 
     what: str
@@ -31,6 +31,7 @@ class Fault(NamedTuple):
     write: object = None
     spoil: object = None
     config: object = None
+    note: str = ""
 
 
 def on(topic, change):

@@ -1,6 +1,6 @@
 """One small scene without noise, as every motion capture, lidar driver and camera would record it.
 
-A robot looks at a board that is held at five places. Motion capture is sampled at 50 Hz, the lidar
+A robot looks at a board that is held at five places. Motion capture is sampled at 40 Hz, the lidar
 at 5 Hz; an image is taken at each place, and one on the way to the next.
 """
 
@@ -33,7 +33,7 @@ RIG = rigs.Rig(
     sessions=("matrix",),
     kinds=({"board": rigs.Spot("lidar", (-5, 5), (1.6, 2.4), ("lidar", "camera"))},),
     alone={},
-    defaults={"placements": 5, "hold_s": 1.0, "move_s": 0.5, "targets": ["board"], "seed": 4},
+    defaults={"placements": 5, "hold_s": 1.2, "move_s": 0.5, "targets": ["board"], "seed": 4},
 )
 
 
@@ -66,10 +66,10 @@ def scene():
     """The Scene; it takes two seconds."""
     session, guesses = drawn()
     start, end = record.span(session.times)
-    t = np.arange(start, end, 20 * MS)
+    t = np.arange(start, end, 25 * MS)
     poses = {ROBOT: session.T_world("robot", t), BOARD: session.T_world("board", t)}
     moments = range(start + 100 * MS, end - 100 * MS, 200 * MS)
-    shown = [int(a) + dt * MS for a, _ in session.times for dt in (300, 1050)][:-1]
+    shown = [int(a) + dt * MS for a, _ in session.times for dt in (400, 1350)][:-1]
     return Scene(
         t,
         poses,

@@ -212,6 +212,16 @@ def test_quaternions_as_wxyz_are_put_right_where_a_robot_drives():
     assert streams.standard(edges(xyz, quat))[1] == []
 
 
+def test_quaternions_that_may_be_wxyz_are_told_where_a_robot_hardly_moves():
+    xi = 0.05 * np.random.default_rng(0).normal(size=(200, 6))
+    T = geometry.se3_exp(xi)
+    xyz, quat = T[:, :3, 3], geometry.to_quat(T)
+    taken, words = streams.standard(edges(xyz, np.roll(quat, 1, axis=1)))
+    assert [w.split(":")[0] for w in words] == ["quaternions may be wxyz, taken as xyzw"]
+    assert ROBOT in words[0] and (taken[MAP, ROBOT]["quat"] == np.roll(quat, 1, axis=1)).all()
+    assert streams.standard(edges(xyz, quat))[1] == []
+
+
 def test_a_map_whose_y_axis_points_up_is_told():
     xyz, quat = driving()
     up = geometry.from_rpy([0, 0, 0], [-np.pi / 2, 0, 0])

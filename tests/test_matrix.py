@@ -125,7 +125,7 @@ def commands(tmp_path_factory):
     written = {
         "config.yaml": {
             "sessions": {"matrix": {"rig": "matrix", "log": "a.mcap"}},
-            "crop": {"max_frames": 2},
+            "crop": {"max_frames": 3, "max_moving": 4},
         },
         "rigs/matrix.yaml": {"body": "robot_body", "mocap": mocap, "sensors": sensors},
         "targets/panel.yaml": TARGETS["board"] | {"body": "board_body"},

@@ -151,32 +151,15 @@ CAMERA = {
         "images have half the size from the middle of the log on", "size_px says otherwise",
         images(halved, lambda number: number > 17),
     ),
-    "size_wrong": Fault(
-        "size_px and images differ", "size_px says otherwise", config=another_size,
-    ),
-    "jpeg": Fault("JPEG of quality 95", "", compressed(".jpg"), config=on_compressed),
     "jpeg_cut": Fault(
         "every fourth JPEG is cut short", "that is cut short", compressed(".jpg", cut),
         config=on_compressed,
     ),
     "label_bgr8": Fault("grey images labelled bgr8", "the message is damaged", labelled("bgr8")),
-    "label_mono16": Fault("8-bit images labelled mono16", "the message is damaged", labelled("mono16")),
     "label_unknown": Fault("an encoding that nobody knows", "images encoded", labelled("mono12p")),
     "video": Fault("H.264 in place of images", "carries another type", video),
-    "raw_for_rectified": Fault(
-        "raw images, and a rig that calls them rectified; P differs from K by 10 %", "camera",
-        infos(rectified_by_other), config=says_rectified,
-    ),
     "info_changes": Fault(
         "CameraInfo changes within the log", "changes within the log", infos(zoomed_in_half),
-        config=by_info,
-    ),
-    "info_half_size": Fault(
-        "CameraInfo of another size than the images", "differ in size", infos(of_half_size),
-        config=by_info,
-    ),
-    "info_missing": Fault(
-        "no CameraInfo in the log", "no CameraInfo", fault.without(lambda row, i: row[1] == INFO),
         config=by_info,
     ),
     "focal_wrong": Fault("a focal length that is 1 % wrong", "focal", config=longer_focus),

@@ -121,41 +121,16 @@ LIDAR = {
     "time_in_us": Fault(
         "times in microseconds, as 32-bit floats", "velodyne: time", time_as("f4", 1e6),
     ),
-    "time_before_end": Fault(
-        "stamps of the scan's end, and times before it", "velodyne: time",
-        lambda rows: time_as("f4", 1.0, -0.1)(fault.on(CLOUDS, stamped_at_end)(rows)),
-    ),
-    "time_sign": Fault(
-        "stamps of the scan's begin, but times that count down to zero", "velodyne: time",
-        time_as("f4", 1.0, -0.1),
-    ),
     "stamp_at_end": Fault(
         "stamps of the scan's end, but times from its begin", "velodyne: time",
         fault.on(CLOUDS, stamped_at_end),
     ),
-    "stamp_at_end_stated": Fault(
-        "the same, and `point_time: {origin: last}` in the rig", "velodyne: time",
-        fault.on(CLOUDS, stamped_at_end),
-        config=lambda session, rig, targets: rig["sensors"]["velodyne"].update(
-            point_time={"origin": "last"}
-        ),
-    ),
-    "time_zero": Fault("times that are all zero", "velodyne: time", time_as("f4", 0.0)),
     "time_tai": Fault(
         "times of points in TAI, 37 s ahead of the stamps", "velodyne: time", on_a_clock(37.0),
     ),
-    "lidar_tai": Fault(
-        "stamps of the lidar in TAI, 37 s ahead", "velodyne",
-        fault.on(CLOUDS, lambda m, i: fault.set_stamp(m.header, fault.stamp_ns(m.header) + 37 * S)),
-    ),
     "nothing_nan": Fault("beams without a return as NaN", "", with_nothing(np.nan)),
-    "nothing_inf": Fault("beams without a return as infinity", "", with_nothing(np.inf)),
     "organised": Fault("an organised cloud", "", fault.on(CLOUDS, organised)),
     "big_endian": Fault("a big-endian cloud", "", fault.on(CLOUDS, big_endian)),
-    "padded": Fault(
-        "points padded to 48 bytes", "",
-        clouds(lambda array, number: repacked(array, VELODYNE, 48)),
-    ),
     "half_the_scans": Fault(
         "every second scan is missing", "velodyne",
         fault.without(lambda row, i: row[1] == CLOUDS and i % 2 == 1),
@@ -165,17 +140,9 @@ LIDAR = {
         "every fourth cloud claims a thousand times its points", "the message is damaged",
         fault.on(CLOUDS, claims_too_much),
     ),
-    "another_frame_id": Fault(
-        "a frame_id that nobody knows", "velodyne", fault.on(CLOUDS, another_frame),
-    ),
     "packets": Fault("the lidar's packets in place of clouds", "packets", packets),
-    "cloud_millimetres": Fault("a cloud in millimetres", "velodyne", clouds(millimetres)),
     "cloud_in_body_frame": Fault(
         "a cloud that the driver has moved into the robot's frame", "velodyne",
         clouds(moved_into_body),
-    ),
-    "beam_bias": Fault(
-        "every beam reads up to centimetres too long or too short", "velodyne",
-        simulated="--beam-bias-m 0.01",
     ),
 }  # fmt: skip

@@ -4,6 +4,7 @@ import numpy as np
 
 import fault
 from calib import geometry
+from calib.sim.motion import START_NS
 from fault import BOARD, CYLINDER, MS, POSES, ROBOT, Fault, S, times, transforms
 
 
@@ -136,7 +137,6 @@ def in_another_map(item, number):
     item.header.frame_id = "vicon/world"
 
 
-NEVER, ALWAYS = (lambda t: False), (lambda t: True)
 MOCAP = {
     "zeros": Fault(
         "a board that is occluded for 0.3 s again and again is sent at the origin",
@@ -173,7 +173,7 @@ MOCAP = {
         "× names swapped", swapped(times(0.4, 0.3)),
     ),
     "names_exchanged": Fault(
-        "board and cylinder have each other's name throughout", "seen", swapped(ALWAYS),
+        "board and cylinder have each other's name throughout", "its body", swapped(lambda t: True),
     ),
     "gaps": Fault(
         "no motion capture for 0.2 s again and again", "gaps", lost(None, times(0.4, 0.2)),
@@ -204,7 +204,8 @@ MOCAP = {
         stamps(lambda t, i: 0),
     ),
     "stamps_stand_still": Fault(
-        "one stamp for all", "log time: stamps that do not go on", stamps(lambda t, i: 1_700_000_000 * S),
+        "one stamp for all", "log time: stamps that do not go on",
+        stamps(lambda t, i: START_NS),
     ),
     "another_clock": Fault(
         "stamps of a clock that is an hour behind the log's", "moved by",
@@ -218,10 +219,6 @@ MOCAP = {
     ),
     "millimetres": Fault("positions in millimetres", "millimetres", transforms(millimetres)),
     "y_up": Fault("a map whose y axis points up", "", transforms(y_up)),
-    "out_of_range": Fault(
-        "every fortieth position of the robot is 10 000 km away", "× out of range",
-        transforms(far_away, ROBOT),
-    ),
     "body_missing": Fault(
         "the cylinder was not tracked", "MCS body mocap/cylinder is not in the log",
         lost(CYLINDER),
@@ -237,10 +234,6 @@ MOCAP = {
     "another_map": Fault(
         "poses in another frame than the rig's map", "which nothing connects to",
         transforms(in_another_map),
-    ),
-    "noisy": Fault(
-        "ten times the noise that the rig states: 1.5 mm, 0.2°", "motion capture",
-        simulated="--mcs-noise-m 0.0015 --mcs-noise-deg 0.2",
     ),
     "target_knocked": Fault(
         "markers of the cylinder are knocked by 22 mm half-way", "", knocked,
