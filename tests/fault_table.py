@@ -31,6 +31,7 @@ from calib import geometry, logs
 from calib.status import InputError
 
 SENSORS = ("velodyne", "camera")
+SHOWN = {"velodyne": "lidar", "camera": "camera"}
 ONCE = ("",)
 STAGES = (
     (decode, ONCE), (gate, ONCE), (guess, SENSORS), (crop, SENSORS), (extract, SENSORS),
@@ -163,7 +164,7 @@ def comes_to(found, clean):
     beyond = [s for s in SENSORS if s not in lost and ratio(found, clean, s) > MOST]
     if beyond:
         return {"pass": "worse", "warn": "worse, warned", "fail": "worse, failed"}[found.verdict]
-    return f"{' and '.join(lost)} fails" if lost else "as clean"
+    return f"fails: {', '.join(SHOWN[s] for s in lost)}" if lost else "as clean"
 
 
 def cell(found, clean, sensor):
@@ -207,7 +208,7 @@ a multiple of it means nothing. The worse of position and rotation counts.
 | comes to | |
 |---|---|
 | as clean | at most {most} times that |
-| … fails | no pose is given, and why is said; the other sensor is as clean |
+| fails: … | no pose is given, and why is said; the other sensor is as clean |
 | worse, failed; worse, warned; worse | a pose beyond that, and a verdict of that kind, or pass |
 | stopped, named | nothing is calibrated, and one line says why |
 """

@@ -388,6 +388,18 @@ def test_the_audit_counts_faults_gaps_and_says_which_times_were_used(tmp_path):
     assert audit["sensors"]["lidar"]["delay_s"] == pytest.approx(0.006)
 
 
+def test_a_body_that_is_not_seen_to_the_end_has_a_gap_there(tmp_path):
+    rows = containers.recording("TFMessage", 60)
+    for _, topic, _, message in rows[-60:]:
+        if topic == "/tf":
+            message.transforms = [m for m in message.transforms if m.child_frame_id == BOARD]
+    audit, poses = recorded(tmp_path, rows)
+    last = [poses["t"][poses["body"] == name].max() for name in (ROBOT, BOARD)]
+    assert audit["bodies"][ROBOT]["gaps"] == 1 and audit["bodies"][BOARD]["gaps"] == 0
+    assert audit["bodies"][ROBOT]["longest_gap_s"] == pytest.approx((last[1] - last[0]) / 1e9)
+    assert audit["bodies"][ROBOT]["longest_gap_s"] > 0.2
+
+
 @pytest.mark.parametrize(
     "mocap, said",
     [

@@ -97,7 +97,7 @@ def heard(audit):
     for name, body in sorted(audit["bodies"].items()):
         out += [f"{name}: {n} × {kind}" for kind, n in sorted(body.get("faults", {}).items())]
         if body.get("gaps"):
-            out.append(f"{name}: {body['gaps']} gaps, up to {body['longest_gap_s']:.2f} s")
+            out.append(f"{name}: gaps: {body['gaps']}, up to {body['longest_gap_s']:.2f} s")
     for name, sensor in sorted(audit["sensors"].items()):
         out.append(f"{name}: {sensor['messages']} messages, {sensor['rate_hz']:.3g} Hz")
         out += [
@@ -133,6 +133,21 @@ def said(folder):
         )
         out += [f"{sensor}: {n} views: {why}" for why, n in sorted(failures.items())]
         out += refused(status.to_dict())
+    out += clocks(json.loads((folder / RESULTS / "calibration.json").read_text()))
     verdict = json.loads((folder / RESULTS / "verdict.json").read_text())
     out += [f"{f['text']}: {f['remedy']}" for f in verdict["findings"]]
     return list(dict.fromkeys(out))
+
+
+def clocks(calibration):
+    """Sentences of calibration.json on the clocks that are off by more than chance."""
+    out = []
+    for name, sensor in sorted(calibration["sensors"].items()):
+        late = sensor["time_offset_s"]
+        if late and abs(late["value"]) > 4 * late["sigma"]:
+            ms = 1e3 * late["value"], 1e3 * late["sigma"]
+            out.append(f"{name}: time offset {ms[0]:.1f} ms, σ {ms[1]:.1f} ms")
+        for wander in (sensor["time_wander"] or {}).values():
+            drift = wander["drift_ppm"]
+            out.append(f"{name}: clock drift {drift['value']:.0f} ppm, σ {drift['sigma']:.0f} ppm")
+    return out

@@ -56,13 +56,15 @@ def audit(poses, name, recording, log, mocap):
     fault = poses["fault"][rows]
     t = poses["t"][rows][fault == ""]
     kinds, counts = np.unique(fault[fault != ""], return_counts=True)
-    gaps = np.diff(t)
+    # A body that is not seen at first or at last has a gap there, as long as others are seen.
+    ends = poses["t"][poses["fault"] == ""]
+    gaps = np.diff(np.concatenate([[ends.min()], t, [ends.max()]])) if len(t) else np.zeros(0)
     return {
         "status": _usable(name, fault).to_dict(),
         "poses": int(rows.sum()),
         "faults": dict(zip(kinds.tolist(), counts.tolist(), strict=True)),
         "rate_hz": intake.rate(t),
-        "longest_gap_s": float(gaps.max() / NS) if len(t) > 1 else 0.0,
+        "longest_gap_s": float(gaps.max(initial=0) / NS),
         "gaps": int((gaps > mocap["max_gap_s"] * NS).sum()),
     }
 
