@@ -98,25 +98,6 @@ def zoomed_in_half(message, number):
         message.k = message.k * [1.1, 1, 1, 1, 1.1, 1, 1, 1, 1]
 
 
-def of_half_size(message, number):
-    message.width, message.height = message.width // 2, message.height // 2
-
-
-def rectified_by_other(message, number):
-    """P of a rectification that zooms by 10 %: right for /image_rect alone."""
-    message.p = message.p * [1.1, 1, 1, 1, 1, 1.1, 1, 1, 1, 1, 1, 1]
-
-
-def says_rectified(session, rig, targets):
-    by_info(session, rig, targets)
-    rig["sensors"]["camera"]["rectified"] = True
-
-
-def rational(message, number):
-    message.distortion_model = "rational_polynomial"
-    message.d = np.array([0.1, 0.2, 0, 0, 0.01, 0.3, 0.2, 0.1])
-
-
 def halved(image):
     return cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
 
@@ -130,10 +111,6 @@ def longer_focus(session, rig, targets):
     rig["sensors"]["camera"]["params"][:2] = [810.3, 809.1]
 
 
-def another_size(session, rig, targets):
-    rig["sensors"]["camera"]["size_px"] = [1800, 1400]
-
-
 CAMERA = {
     "blurred": Fault(
         "every third image is smeared over 25 px", "camera", images(blurred, every(3)),
@@ -142,10 +119,6 @@ CAMERA = {
     "dropped": Fault(
         "two images of three are missing", "camera",
         fault.without(lambda row, i: row[1] in (IMAGES, INFO) and i % 3 > 0),
-    ),
-    "upside_down": Fault(
-        "images turned by 180°, as a driver does for a camera hung upside down", "camera",
-        images(lambda p: p[::-1, ::-1]),
     ),
     "another_resolution": Fault(
         "images have half the size from the middle of the log on", "size_px says otherwise",
@@ -156,7 +129,6 @@ CAMERA = {
         config=on_compressed,
     ),
     "label_bgr8": Fault("grey images labelled bgr8", "the message is damaged", labelled("bgr8")),
-    "label_unknown": Fault("an encoding that nobody knows", "images encoded", labelled("mono12p")),
     "video": Fault("H.264 in place of images", "carries another type", video),
     "info_changes": Fault(
         "CameraInfo changes within the log", "changes within the log", infos(zoomed_in_half),

@@ -81,10 +81,6 @@ def claims_too_much(message, number):
         message.width *= 1000
 
 
-def another_frame(message, number):
-    message.header.frame_id = "os_sensor"
-
-
 def packets(rows):
     """What the lidar sends in place of every cloud."""
     kind = "velodyne_msgs/msg/VelodyneScan"
@@ -94,12 +90,6 @@ def packets(rows):
         else (t, topic, known, message)
         for t, topic, known, message in rows
     ]
-
-
-def millimetres(array, number):
-    for axis in "xyz":
-        array[axis] *= 1000
-    return array
 
 
 def moved_into_body(array, number):
@@ -117,7 +107,10 @@ def without(*names):
 
 LIDAR = {
     "no_ring": Fault("no field for the ring", "velodyne: ring", without("ring")),
-    "no_time": Fault("no field for the time of a point", "velodyne: time", without("time")),
+    "no_time": Fault(
+        "no field for the time of a point", "velodyne: time", without("time"),
+        note="Fewer than half of the scans count, and none in motion",
+    ),
     "time_in_us": Fault(
         "times in microseconds, as 32-bit floats", "velodyne: time", time_as("f4", 1e6),
     ),

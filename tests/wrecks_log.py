@@ -1,7 +1,5 @@
 """Faults of files, and of what is written about a recording."""
 
-import numpy as np
-
 import containers
 from fault import Fault
 
@@ -21,20 +19,6 @@ def split_in_half(path, rows):
     return str(path)
 
 
-def bare_sqlite(path, rows):
-    return str(containers.without_definitions(containers.rosbag2(path, rows, containers.SQLITE)))
-
-
-def torn_apart(path, rows):
-    """A list whose files come in the wrong order."""
-    half = len(rows) // 2
-    path.mkdir()
-    later = containers.mcap(path / "a.mcap", rows[half:], chunk_size=1 << 20)
-    return [
-        str(p) for p in (later, containers.mcap(path / "b.mcap", rows[:half], chunk_size=1 << 20))
-    ]
-
-
 def another_suffix(path, rows):
     return str(containers.mcap(path.with_suffix(".log"), rows, chunk_size=1 << 20))
 
@@ -51,35 +35,8 @@ def pattern(**keys):
     return lambda session, rig, targets: targets["board"]["pattern"].update(keys)
 
 
-def guess_off(session, rig, targets):
-    xyz = rig["sensors"]["velodyne"]["T_robot_sensor"]["xyz_m"]
-    xyz[0] += 0.25
-    xyz[2] -= 0.15
-
-
 def guess_turned(session, rig, targets):
     rig["sensors"]["velodyne"]["T_robot_sensor"]["rpy_deg"][2] += 90
-
-
-def no_guess(session, rig, targets):
-    for sensor in rig["sensors"].values():
-        del sensor["T_robot_sensor"], sensor["guess_sigma"]
-
-
-def bodies_exchanged(session, rig, targets):
-    board, cylinder = targets["board"]["body"], targets["cylinder"]["body"]
-    targets["board"]["body"], targets["cylinder"]["body"] = cylinder, board
-
-
-def outline_mirrored(session, rig, targets):
-    """The pattern's corners counted from the other side of the board's centre."""
-    targets["board"]["pattern"]["first_corner_m"] = [-0.26, -0.16]
-
-
-def busy(rows):
-    late = np.random.default_rng(0).uniform(0, 0.8e9, len(rows)).astype(int)
-    out = [(row[0] + int(dt), *row[1:]) for row, dt in zip(rows, late, strict=True)]
-    return sorted(out, key=lambda row: row[0])
 
 
 FLAT = {"xyz_m": [0.0, 0.0, 0.0], "rpy_deg": [0.0, 180.0, 0.0]}
@@ -115,13 +72,6 @@ LOG = {
     "mount_far_off": Fault(
         "the board sits 40 mm from where T_body_target says", "board",
         config=of_board(T_body_target={"xyz_m": [0.03, 0.026, 0.0], "rpy_deg": [0.0, 0.0, 0.0]}),
-    ),
-    "bodies_exchanged": Fault(
-        "the rig takes the cylinder's body for the board's", "seen", config=bodies_exchanged,
-    ),
-    "guess_off": Fault(
-        "the first guess of the lidar is 0.29 m off, at a stated σ of 17 mm", "first guess",
-        config=guess_off,
     ),
     "guess_turned": Fault(
         "the first guess of the lidar is turned by 90°", "view", config=guess_turned,
