@@ -39,6 +39,7 @@ STAGES = (
 )  # fmt: skip
 MOST = 1.3  # times the error of the clean log
 CLEAN = "clean"
+VERDICT = {"pass": "", "warn": ", warned", "fail": ", failed"}
 
 
 class Outcome(NamedTuple):
@@ -157,14 +158,15 @@ def sentence(fault, found, clean):
 
 
 def comes_to(found, clean):
-    """What a fault leaves of the calibration, in two words."""
+    """What a fault leaves of the calibration, in a few words."""
     if found.verdict == "stopped":
         return "stopped, named"
-    lost = [s for s in SENSORS if found.errors[s] is None]
-    beyond = [s for s in SENSORS if s not in lost and ratio(found, clean, s) > MOST]
-    if beyond:
-        return {"pass": "worse", "warn": "worse, warned", "fail": "worse, failed"}[found.verdict]
-    return f"fails: {', '.join(SHOWN[s] for s in lost)}" if lost else "as clean"
+    lost = [SHOWN[s] for s in SENSORS if found.errors[s] is None]
+    given = [s for s in SENSORS if found.errors[s] is not None]
+    out = [f"fails: {', '.join(lost)}"] if lost else []
+    if any(ratio(found, clean, s) > MOST for s in given):
+        out.append(f"worse{VERDICT[found.verdict]}")
+    return "; ".join(out) or "as clean"
 
 
 def cell(found, clean, sensor):

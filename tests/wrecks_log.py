@@ -46,10 +46,12 @@ LOG = {
         spoil=lambda data: data[: int(0.8 * len(data))],
     ),
     "bits_flipped": Fault("wrong bits in the file", "sim", spoil=flipped),
-    "zero_bytes": Fault("a log of zero bytes", "", spoil=lambda data: b""),
-    "blank": Fault("a log of zeros only", "", spoil=lambda data: bytes(len(data))),
-    "split_lost": Fault("metadata.yaml names a file that is not there", "", write=split_in_half),
-    "wrong_suffix": Fault("an MCAP that is called .log", "", write=another_suffix),
+    "zero_bytes": Fault("a log of zero bytes", "logs/sim", spoil=lambda data: b""),
+    "blank": Fault("a log of zeros only", "logs/sim", spoil=lambda data: bytes(len(data))),
+    "split_lost": Fault(
+        "metadata.yaml names a file that is not there", "logs/sim", write=split_in_half,
+    ),
+    "wrong_suffix": Fault("an MCAP that is called .log", "logs/sim", write=another_suffix),
     "topic_wrong": Fault(
         "the camera's topic is misspelt in the rig", "is not in the log",
         config=of_sensor("camera", topic="/camera/image_rwa"),
