@@ -30,7 +30,9 @@ def on_a_clock(ahead_s):
         wide = np.zeros(len(array), [*kept.items(), ("timestamp", "f8")])
         for name in kept:
             wide[name] = array[name]
-        wide["timestamp"] = fault.stamp_ns(message.header) / S + ahead_s + array["time"]
+        wide["timestamp"] = (
+            fault.stamp_ns(message.header) / S + ahead_s + array["time"].astype(float)
+        )
         put(message, wide)
 
     return fault.on(CLOUDS, of_message)
@@ -135,7 +137,8 @@ LIDAR = {
     ),
     "packets": Fault("the lidar's packets in place of clouds", "packets", packets),
     "cloud_in_body_frame": Fault(
-        "a cloud that the driver has moved into the robot's frame", "velodyne",
+        "a cloud that the driver has moved into the robot's frame", "first guess",
         clouds(moved_into_body),
+        note="What is found is the pose of the frame that the cloud is in",
     ),
 }  # fmt: skip

@@ -61,11 +61,12 @@ LOG = {
         config=lambda session, rig, targets: session.update(to_s=6.3),
     ),
     "square_wrong": Fault(
-        "squares of the pattern are 80 mm, not 78 as stated", "probably",
+        "squares of the pattern are 80 mm, not 78 as stated", "a wrong size",
         config=pattern(square_m=0.078),
     ),
     "targets_larger": Fault(
         "targets are built 3 % larger than stated", "probably", simulated="--target-scale 1.03",
+        note="Outline, pattern and radius at once: the outline is named, the others are not",
     ),
     "board_backward": Fault(
         "the board is stated the wrong way round", "seen from behind",
