@@ -19,11 +19,11 @@ ROWS = {cells[0].strip("`"): cells[1:] for cells in (
 WHAT, SAID, LIDAR, CAMERA, COMES_TO = range(5)
 # Told by stages after decode, from the views on.
 LATER = {
-    name
-    for name, cells in ROWS.items()
-    if cells[SAID].startswith(("camera: ", "velodyne: ", "probably ", "board "))
-    and not re.match(r"\w+: (time|ring|lens|image|\d+ messages)", cells[SAID])
-} | {"names_exchanged"}
+    "names_exchanged", "late_clock", "drifting_clock", "stamp_at_end", "empty_clouds",
+    "damaged_clouds", "cloud_in_body_frame", "blurred", "black", "another_resolution", "jpeg_cut",
+    "focal_wrong", "few_views", "square_wrong", "targets_larger", "board_backward", "mount_far_off",
+    "guess_turned",
+}  # fmt: skip
 
 
 def test_the_table_has_every_fixture_in_its_order_and_thirty_or_more():
