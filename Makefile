@@ -1,5 +1,5 @@
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint benchmark benchmark-quick lock clean
+.PHONY: help setup demo test lint benchmark benchmark-quick faults lock clean
 .DELETE_ON_ERROR:
 
 help: ## list the targets
@@ -30,6 +30,9 @@ benchmark: .venv/.installed ## measure accuracy and cost into docs/benchmark.md
 benchmark-quick: .venv/.installed ## the same with the fewest placements, to the terminal
 	.venv/bin/python scripts/benchmark.py benchmark --quick
 
+faults: .venv/.installed ## measure what faults of recordings come to into docs/faults.md
+	PYTHONPATH=scripts OMP_NUM_THREADS=1 .venv/bin/python tests/fault_table.py faults
+
 lock: .venv/.installed ## resolve requirements.in into requirements.txt (UPGRADE=--upgrade: newest versions)
 	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes \
 		--no-emit-index-url --no-header $(UPGRADE) requirements.in -o requirements.txt
@@ -37,5 +40,5 @@ lock: .venv/.installed ## resolve requirements.in into requirements.txt (UPGRADE
 	sed -n '/^# development/q; s/^\([^#]*[^# ]\).*/      - \1/p' requirements.in >>workflow/envs/calib.yaml
 
 clean: ## remove caches and the demo's files
-	rm -rf demo benchmark .pytest_cache .ruff_cache .hypothesis .setup.log
+	rm -rf demo benchmark faults .pytest_cache .ruff_cache .hypothesis .setup.log
 	find scripts tests -name __pycache__ -prune -exec rm -rf {} +

@@ -32,6 +32,23 @@ OWN = {
     "vicon_receiver/msg/Position": "float32 x_trans\nfloat32 y_trans\nfloat32 z_trans\n"
     "float32 x_rot\nfloat32 y_rot\nfloat32 z_rot\nfloat32 w\nstring segment_name\n"
     "string subject_name\nint32 frame_number\nstring translation_type",
+    "velodyne_msgs/msg/VelodynePacket": "builtin_interfaces/Time stamp\nuint8[1206] data",
+    "velodyne_msgs/msg/VelodyneScan": "std_msgs/Header header\n"
+    "velodyne_msgs/VelodynePacket[] packets",
+    "foxglove_msgs/msg/PackedElementField": "string name\nuint32 offset\nuint8 type",
+    "foxglove_msgs/msg/PointCloud": "builtin_interfaces/Time timestamp\nstring frame_id\n"
+    "geometry_msgs/Pose pose\nuint32 point_stride\nfoxglove_msgs/PackedElementField[] fields\n"
+    "uint8[] data",
+    "foxglove_msgs/msg/RawImage": "builtin_interfaces/Time timestamp\nstring frame_id\n"
+    "uint32 width\nuint32 height\nstring encoding\nuint32 step\nuint8[] data",
+    "foxglove_msgs/msg/CompressedImage": "builtin_interfaces/Time timestamp\nstring frame_id\n"
+    "uint8[] data\nstring format",
+    "livox_ros_driver2/msg/CustomPoint": "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\n"
+    "uint8 reflectivity\nuint8 tag\nuint8 line",
+    "livox_ros_driver2/msg/CustomMsg": "std_msgs/Header header\nuint64 timebase\n"
+    "uint32 point_num\nuint8 lidar_id\nuint8[3] rsvd\nlivox_ros_driver2/CustomPoint[] points",
+    "foxglove_msgs/msg/CompressedVideo": "builtin_interfaces/Time timestamp\nstring frame_id\n"
+    "uint8[] data\nstring format",
 }
 
 
@@ -39,6 +56,8 @@ def _store(kind):
     store = get_typestore(kind)
     types = {}
     for name, text in OWN.items():
+        if kind == Stores.ROS1_NOETIC:
+            text = text.replace("builtin_interfaces/Time", "time")
         types |= get_types_from_msg(text, name)
     store.register(types)
     return store

@@ -1,12 +1,14 @@
 """Faults of motion capture, each found by its rule and counted, and nothing else lost."""
 
 import time
+from collections import Counter
 
 import numpy as np
 import pytest
 
 import containers
-from calib import chains, faults, geometry, mcs, stage, stamps, streams
+import recorders
+from calib import chains, faults, geometry, mcs, stage, stamps, streams, swaps
 from containers import BEGIN, BOARD, MAP, MS, ROBOT
 from test_intake import taken
 
@@ -85,6 +87,45 @@ def test_names_that_are_swapped_for_a_while_are_a_jump_of_both():
     xyz[swap], other[swap] = other[swap].copy(), xyz[swap].copy()
     for track in ((xyz, quat), (other, turned)):
         assert found(t, *track) == {"jump": span(120, 150)}
+
+
+def track(t, xyz, quat):
+    """Columns of a body, each pose with its fault."""
+    return {"t": t, "xyz": xyz, "quat": quat, "fault": faults.of(t, xyz, quat)}
+
+
+def two_bodies():
+    """Columns of a robot and of a board 2 m beside it, before their faults are told."""
+    t, xyz, quat = moving()
+    _, other, turned = moving(seed=1)
+    return (t, xyz, quat), (t.copy(), other + [2.0, 0, 0], turned)
+
+
+def named(*bodies):
+    """{fault: number of poses} of bodies that are looked at together."""
+    tracks = swaps.named({str(i): track(*b) for i, b in enumerate(bodies)})
+    return [Counter(c["fault"][c["fault"] != ""].tolist()) for c in tracks.values()]
+
+
+@pytest.mark.parametrize("swap", [slice(120, 150), slice(0, 30), slice(370, 400)])
+def test_names_that_two_bodies_exchange_are_said_to_be_swapped(swap):
+    one, other = two_bodies()
+    one[1][swap], other[1][swap] = other[1][swap].copy(), one[1][swap].copy()
+    one[2][swap], other[2][swap] = other[2][swap].copy(), one[2][swap].copy()
+    assert named(one, other) == [{"names swapped": 30}, {"names swapped": 30}]
+
+
+def test_a_body_that_jumps_to_where_no_other_was_is_not_swapped():
+    one, other = two_bodies()
+    one[1][120:150] += [0, 0, 1.5]
+    other[1][125:150] += [0, 0, 2.5]
+    assert named(one, other) == [{"jump": 30}, {"jump": 25}]
+
+
+def test_a_body_that_jumps_to_where_another_still_is_is_not_swapped():
+    one, other = two_bodies()
+    one[1][120:150], one[2][120:150] = other[1][120:150], other[2][120:150]
+    assert named(one, other) == [{"jump": 30}, {}]
 
 
 def test_of_a_track_that_jumps_for_good_the_longer_part_holds():
@@ -168,6 +209,16 @@ def test_quaternions_as_wxyz_are_put_right_where_a_robot_drives():
     taken, words = streams.standard(edges(xyz, np.roll(quat, 1, axis=1)))
     assert taken[MAP, ROBOT]["quat"] == pytest.approx(quat)
     assert [w.split(":")[0] for w in words] == ["quaternions as wxyz, taken as such"]
+    assert streams.standard(edges(xyz, quat))[1] == []
+
+
+def test_quaternions_that_may_be_wxyz_are_told_where_a_robot_hardly_moves():
+    xi = 0.05 * np.random.default_rng(0).normal(size=(200, 6))
+    T = geometry.se3_exp(xi)
+    xyz, quat = T[:, :3, 3], geometry.to_quat(T)
+    taken, words = streams.standard(edges(xyz, np.roll(quat, 1, axis=1)))
+    assert [w.split(":")[0] for w in words] == ["quaternions may be wxyz, taken as xyzw"]
+    assert ROBOT in words[0] and (taken[MAP, ROBOT]["quat"] == np.roll(quat, 1, axis=1)).all()
     assert streams.standard(edges(xyz, quat))[1] == []
 
 
@@ -300,6 +351,20 @@ def test_a_body_that_nothing_connects_to_the_map_is_not_there(static):
 # --- in a log
 
 
+def test_a_body_on_a_static_frame_of_one_that_hangs_from_another_is_found_in_a_log(tmp_path):
+    """Map - (static) - tracker - plate - (static) - robot, each link in its own message."""
+    rows = recorders.mocap("TFMessage, a chain")
+    options = containers.options("TFMessage")
+    poses, _, audit = taken(str(containers.mcap(tmp_path / "a.mcap", rows)), options)
+    known = recorders.scene()
+    for body in (ROBOT, BOARD):
+        assert audit["bodies"][body]["status"]["ok"]
+        mine = poses["body"] == body
+        T = geometry.from_xyz_quat(poses["xyz"][mine], poses["quat"][mine])
+        assert np.abs(T - known.poses[body]).max() < 1e-12
+        assert (poses["t"][mine] == known.times).all()
+
+
 def recorded(tmp_path, rows, **mocap):
     """log.json and the poses of a log of rows, with the block `mocap` of its kind changed."""
     options = containers.options("TFMessage")
@@ -321,6 +386,18 @@ def test_the_audit_counts_faults_gaps_and_says_which_times_were_used(tmp_path):
     assert audit["mocap"]["/tf"] == {"stamps": "header", "delay_s": 0.002, "found": []}
     assert audit["sensors"]["lidar"]["stamps"] == "header"
     assert audit["sensors"]["lidar"]["delay_s"] == pytest.approx(0.006)
+
+
+def test_a_body_that_is_not_seen_to_the_end_has_a_gap_there(tmp_path):
+    rows = containers.recording("TFMessage", 60)
+    for _, topic, _, message in rows[-60:]:
+        if topic == "/tf":
+            message.transforms = [m for m in message.transforms if m.child_frame_id == BOARD]
+    audit, poses = recorded(tmp_path, rows)
+    last = [poses["t"][poses["body"] == name].max() for name in (ROBOT, BOARD)]
+    assert audit["bodies"][ROBOT]["gaps"] == 1 and audit["bodies"][BOARD]["gaps"] == 0
+    assert audit["bodies"][ROBOT]["longest_gap_s"] == pytest.approx((last[1] - last[0]) / 1e9)
+    assert audit["bodies"][ROBOT]["longest_gap_s"] > 0.2
 
 
 @pytest.mark.parametrize(

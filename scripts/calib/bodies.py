@@ -4,7 +4,7 @@ import difflib
 
 import numpy as np
 
-from calib import chains, faults, intake, mcs, streams, tables
+from calib import chains, faults, intake, mcs, streams, swaps, tables
 from calib.status import OK, failed
 
 NS = intake.NS
@@ -22,7 +22,7 @@ def columns(recording, clocks, mocap):
         for edge, c in edges.items():
             timed = c | {"t": clocks[topic].times(c["t"], c["log_t"])}
             parts.setdefault(edge, []).append(timed)
-    edges = {edge: _judged(several) for edge, several in sorted(parts.items())}
+    edges = _told_apart({edge: _judged(several) for edge, several in sorted(parts.items())})
     gap = round(mocap["max_gap_s"] * NS)
     wanted = recording.streams.bodies
     found = chains.bodies(edges, recording.static, mocap["map"], wanted, gap)
@@ -41,6 +41,15 @@ def _judged(several):
     return joined | {"fault": faults.of(joined["t"], joined["xyz"], joined["quat"])}
 
 
+def _told_apart(edges):
+    """The edges, with swapped names named as such among those of one parent."""
+    out = {}
+    for parent in sorted({parent for parent, _ in edges}):
+        tracks = {child: c for (p, child), c in edges.items() if p == parent}
+        out |= {(parent, child): c for child, c in swaps.named(tracks).items()}
+    return out
+
+
 def audit(poses, name, recording, log, mocap):
     """Count, rate, gaps and faults of one body, with a status."""
     rows = poses["body"] == name
@@ -50,13 +59,15 @@ def audit(poses, name, recording, log, mocap):
     fault = poses["fault"][rows]
     t = poses["t"][rows][fault == ""]
     kinds, counts = np.unique(fault[fault != ""], return_counts=True)
-    gaps = np.diff(t)
+    # A body that is not seen at first or at last has a gap there, as long as others are seen.
+    ends = poses["t"][poses["fault"] == ""]
+    gaps = np.diff(np.concatenate([[ends.min()], t, [ends.max()]])) if len(t) else np.zeros(0)
     return {
         "status": _usable(name, fault).to_dict(),
         "poses": int(rows.sum()),
         "faults": dict(zip(kinds.tolist(), counts.tolist(), strict=True)),
         "rate_hz": intake.rate(t),
-        "longest_gap_s": float(gaps.max() / NS) if len(t) > 1 else 0.0,
+        "longest_gap_s": float(gaps.max(initial=0) / NS),
         "gaps": int((gaps > mocap["max_gap_s"] * NS).sum()),
     }
 

@@ -114,15 +114,19 @@ def _burst(t, xyz, quat):
     return out
 
 
+def far(t, xyz, quat):
+    """Whether no body can have got from each pose to the next, (n - 1,)."""
+    moved, turned = _steps(xyz, quat, slice(None, -1), slice(1, None))
+    seconds = np.diff(t) / NS
+    return (moved > JUMP_M + MOST_MPS * seconds) | (turned > JUMP_RAD + MOST_RADPS * seconds)
+
+
 def _jump(t, xyz, quat):
     """Poses of the parts of a track that no body can have got to: another's under its name, or a
     wrong fit of the markers. Of each stretch without a gap the place with the most poses holds."""
-    dt = np.diff(t)
-    far, turned = _steps(xyz, quat, slice(None, -1), slice(1, None))
-    seconds = dt / NS
-    jump = (far > JUMP_M + MOST_MPS * seconds) | (turned > JUMP_RAD + MOST_RADPS * seconds)
+    jump = far(t, xyz, quat)
     out = np.zeros(len(t), bool)
-    apart = np.flatnonzero(dt > APART_NS) + 1
+    apart = np.flatnonzero(np.diff(t) > APART_NS) + 1
     for stretch in np.split(np.arange(len(t)), apart):
         cuts = np.flatnonzero(jump[stretch[:-1]]) + 1
         if len(cuts):

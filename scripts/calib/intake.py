@@ -76,15 +76,16 @@ def topics_of(mocap):
 
 def read(log, options):
     """The Recording of a log, within from_s and to_s after its first message; static transforms,
-    which are sent once, also from before."""
+    which are sent once, also from before, and first, for they tell which frames are wanted."""
     recording, sensors = Recording(options), options["sensors"].values()
     infos = [s["camera_info"] for s in sensors if "camera_info" in s]
     topics = (*topics_of(options["mocap"]), *(s["topic"] for s in sensors), *infos)
-    wanted = sorted({t for t in (*topics, STATIC) if t in log.topics})
     start, end = _bounds(log, options)
-    if start is not None and STATIC in wanted:
-        for message in log.messages([STATIC], None, start):
+    if STATIC in log.topics:
+        for message in log.messages([STATIC], None, end):
             recording.take(message)
+        recording.streams.want_parents(recording.static)
+    wanted = sorted({t for t in topics if t in log.topics and t != STATIC})
     for message in log.messages(wanted, start, end):
         recording.take(message)
     return recording

@@ -13,6 +13,7 @@ from calib import faults, mcs
 FAR_M = 50.0  # no motion capture sees as far: it sends millimetres
 PLANE, SPREAD_M, TURN_RAD = 0.1, 0.2, 0.5  # of a body that drives and turns on a floor
 ALONG, ACROSS = 0.9, 0.5  # cosines of the axis it turns about to the floor's normal
+UPRIGHT, LYING = 0.94, 0.5  # cosines of the tilt of a body that stands, and of one that does not
 LOOKED_AT = 2000  # poses of a stream
 
 
@@ -48,6 +49,14 @@ class Streams:
         self._wanted = set(bodies)
         self._found = {}
         self.parents = {}  # body -> frames that it was given in
+
+    def want_parents(self, static):
+        """Take also what places the frames that static edges (parent, child) hold the bodies in."""
+        parents = {child: parent for parent, child in static}
+        for body in self.bodies:
+            while body in parents and parents[body] not in self._wanted:
+                body = parents[body]
+                self._wanted.add(body)
 
     def take(self, message):
         """Add what a message of motion capture says; raises InputError where it cannot be read."""
@@ -85,6 +94,11 @@ def standard(edges):
     if turns and all(as_sent < ACROSS and turned > ALONG for as_sent, turned, _ in turns):
         words.append("quaternions as wxyz, taken as such: as xyzw a body would roll as it drives")
         edges = {k: c | {"quat": np.roll(c["quat"], -1, axis=1)} for k, c in edges.items()}
+    elif standing := [child for (_, child), c in edges.items() if _stands_as_wxyz(c)]:
+        words.append(
+            f"quaternions may be wxyz, taken as xyzw: {standing[0]} never stands upright, and "
+            "always would as wxyz; mend what publishes them if no target is found"
+        )
     if turns and all(abs(normal[1]) > ALONG for *_, normal in turns):
         words.append(
             "the y axis of the map points up: bodies drive across it; no result depends on it"
@@ -98,6 +112,15 @@ def _distance(xyz):
     far = np.linalg.norm(xyz[sane], axis=1)
     far = far[far > 0]
     return float(np.median(far)) if len(far) else 0.0
+
+
+def _stands_as_wxyz(columns):
+    """Whether a body stands upright all the time if its quaternions are read as wxyz, and never as
+    they are sent."""
+    xyz, quat = columns["xyz"], columns["quat"]
+    quat = quat[faults.alone(xyz, quat) == ""]
+    as_sent, turned = (1 - 2 * (q[:, :2] ** 2).sum(1) for q in (quat, np.roll(quat, -1, axis=1)))
+    return len(quat) > 0 and as_sent.max() < LYING and turned.min() > UPRIGHT
 
 
 def _turning(xyz, quat):

@@ -1,0 +1,80 @@
+"""The table of docs/faults.md: every fixture is in it, with what is said of it today."""
+
+import re
+
+import pytest
+import yaml
+
+import fault_table
+import runs
+import wrecks
+from calib.status import InputError
+from test_intake import taken
+
+DOC = (runs.ROOT / "docs/faults.md").read_text()
+LINES = [line for line in DOC.splitlines() if line.startswith("| `")]
+ROWS = {cells[0].strip("`"): cells[1:] for cells in (
+    [c.strip() for c in re.split(r"(?<!\\)\|", line)[1:-1]] for line in LINES
+)}  # fmt: skip
+WHAT, SAID, LIDAR, CAMERA, COMES_TO = range(5)
+# Told by stages after decode, from the views on.
+LATER = {
+    "names_exchanged", "late_clock", "drifting_clock", "stamp_at_end", "empty_clouds",
+    "damaged_clouds", "cloud_in_body_frame", "blurred", "black", "another_resolution", "jpeg_cut",
+    "focal_wrong", "few_views", "square_wrong", "targets_larger", "board_backward", "mount_far_off",
+    "guess_turned",
+}  # fmt: skip
+
+
+def test_the_table_has_every_fixture_in_its_order_and_thirty_or_more():
+    assert list(ROWS) == list(wrecks.FAULTS) and len(ROWS) >= 30
+    for name, fault in wrecks.FAULTS.items():
+        assert ROWS[name][WHAT].startswith(fault.what)
+        assert fault_table.escaped(fault.says) in ROWS[name][SAID]
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_what_a_fault_comes_to_follows_from_its_figures(name):
+    *_, lidar, camera, comes_to = ROWS[name]
+    ratios = [float(c.rsplit("(", 1)[1].strip(")")) for c in (lidar, camera) if c != "none"]
+    worse = any(r > fault_table.MOST for r in ratios)
+    assert worse == ("worse" in comes_to)
+    assert ("none" in (lidar, camera)) == comes_to.startswith(("fails: ", "stopped, named"))
+    # Whatever is worse and passes, or fails, says why in the table.
+    if comes_to != "as clean":
+        assert ROWS[name][SAID] != "–" or wrecks.FAULTS[name].note
+
+
+def decode_options(folder):
+    """The options of decode for a working directory, and its log."""
+    settings, rig = (
+        yaml.safe_load((folder / "config" / n).read_text())
+        for n in ("config.yaml", "rigs/sim.yaml")
+    )
+    targets = [yaml.safe_load(p.read_text()) for p in sorted(folder.glob("config/targets/*"))]
+    session = settings["sessions"]["sim"]
+    paths = session["log"] if isinstance(session["log"], list) else [session["log"]]
+    logs = [str(folder / p) for p in paths]
+    bodies = sorted({rig["body"], *(t["body"] for t in targets)})
+    span = {k: session.get(k) for k in ("from_s", "to_s")}
+    mocap = {"max_gap_s": 0.05} | rig["mocap"]
+    given = {"sensors": rig["sensors"], "mocap": mocap, "bodies": bodies, "fingerprint": [], **span}
+    return logs if isinstance(session["log"], list) else logs[0], given
+
+
+@pytest.mark.parametrize("name", [n for n in ROWS if n not in LATER])
+def test_decode_says_of_a_fault_what_the_table_says(tmp_path, name):
+    fault = wrecks.FAULTS[name]
+    log, options = decode_options(wrecks.write(tmp_path, fault))
+    try:
+        said = wrecks.heard(taken(log, options)[2])
+    except InputError as error:
+        said = [str(error).replace(f"{tmp_path}/", "")]
+    expected = ROWS[name][SAID]
+    assert expected == "–" or any(expected in fault_table.escaped(s) for s in said)
+
+
+def test_a_fault_taken_through_the_pipeline_gives_the_row_of_the_table(tmp_path):
+    found = fault_table.measured(tmp_path, ["topic_wrong"])
+    made = fault_table.row("topic_wrong", found["topic_wrong"], found[fault_table.CLEAN])
+    assert made in LINES
