@@ -72,7 +72,7 @@ def setup(seed, layout, world=None, mcs=1.0, noise=1.0):
         errors = geometry.se3_exp(mcs * MCS_SIGMA * rng.normal(size=(2, 6)))
         T_target_body = geometry.inverse(world.mounts.get(name, np.eye(4)))
         said = errors[0] @ T_robot_target @ T_target_body @ geometry.inverse(errors[1])
-        places.append(given.Placement("s", name, said, np.eye(4), MCS_SIGMA))
+        places.append(given.Placement("s", name, said, np.eye(4), MCS_SIGMA, start=k))
         groups += _groups(rng, world, k, name, T_robot_target, noise)
     models = {n: m for n, m in MODELS.items() if any(g.sensor == n for g in groups)}
     return given.Setup(models, TARGETS, places, groups, ASSOCIATE, {})

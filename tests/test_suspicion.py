@@ -74,6 +74,40 @@ def test_two_errors_at_once_are_both_named():
     assert {s["name"] for s in found(world)} == {"squares", "radius"}
 
 
+KNOCK = np.array([0.004, 0.0, 0.006, 0.0, 0.01, 0.0])  # m, rad
+
+
+def test_a_target_that_is_knocked_half_way_is_named_with_when_and_by_how_much():
+    made = setup(0, [("board", None)] * 12)
+    back = geometry.inverse(geometry.se3_exp(KNOCK))
+    places = [
+        replace(p, T_robot_body=p.T_robot_body @ back) if k >= 6 else p
+        for k, p in enumerate(made.placements)
+    ]
+    made = replace(made, placements=places)
+    first = suspicion.suspicions(made, solved(made, rounds=20))[0]
+    assert (first["name"], first["of"]) == ("slipped", "board") and first["chance"] < 1e-9
+    assert "from its placement 7 in session s on" in first["text"]
+    np.testing.assert_allclose(first["estimate"], KNOCK, atol=0.0025)
+    assert not any(r["name"] == "slipped" for r in first["rivals"])
+
+
+def test_a_sensor_that_is_bumped_half_way_is_named_with_when_and_by_how_much():
+    made, world, rng = setup(0, [("board", None)] * 12), World(), np.random.default_rng(1)
+    T = synthetic.TRUE["camera"]
+    elsewhere = T @ geometry.inverse(geometry.se3_exp(KNOCK)) @ geometry.inverse(T)
+    exact = setup(0, [("board", None)] * 12, mcs=0.0).placements
+    groups = [g for g in made.groups if g.sensor == "lidar" or g.placement < 6]
+    for k in range(6, 12):
+        there = elsewhere @ exact[k].T_robot_body
+        groups += synthetic.measured(rng, world, "camera", k, "board", there)
+    made = replace(made, groups=groups)
+    first = suspicion.suspicions(made, solved(made, rounds=20))[0]
+    assert (first["name"], first["of"]) == ("bumped", "camera") and first["chance"] < 1e-9
+    assert "from its placement 7 in session s on" in first["text"]
+    np.testing.assert_allclose(first["estimate"], KNOCK, atol=0.0025)
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_of_clean_measurements_nothing_is_suspected(seed):
     assert found(World(), seed=seed) == []

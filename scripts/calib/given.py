@@ -13,7 +13,7 @@ class Placement:
     σ (6,) of what its two poses err by in common with those of all other views in motion.
 
     rest: number of the robot's rest in the session; targets that are still at the same time share
-    it, and with it the error of the robot's pose. None: nobody shares it.
+    it, and with it the error of the robot's pose. None: nobody shares it. start, ns.
     """
 
     session: str
@@ -23,6 +23,7 @@ class Placement:
     sigma: np.ndarray
     rest: int | None = None
     moving: object = None
+    start: int = 0
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,7 @@ def still(columns, session, targets, mocap, mounts=None, late=0.0):
                 T_body_target=known[name],
                 sigma=np.hypot(white * columns["pose_factor"][i], steady) * (HELD if held else 1.0),
                 rest=None if held else int(rests[i]),
+                start=int(columns["start"][i]),
             )
     return out
 

@@ -163,7 +163,9 @@ def _prior(column, value, cluster, told):
 def told(found, columns, terms, names, before, fits, best):
     """One accepted explanation as plain data."""
     after, gain, _ = fits[best]
-    others = sorted((i for i in fits if i != best), key=lambda i: -fits[i][1])
+    own = found[best].name, found[best].of
+    others = [i for i in fits if (found[i].name, found[i].of) != own]
+    others.sort(key=lambda i: -fits[i][1])
     return _numbers(found[best], columns[best], *fits[best]) | {
         "chance": scores.chance(gain, len(columns[best])),
         "explained": {k: 1 - after.left[k] / v for k, v in before.left.items() if v > 0},

@@ -6,7 +6,7 @@ objects of a Setup and add it to SOURCES. One that states how a sensor's model i
 estimated along with the poses (refinement.py).
 """
 
-from calib.hypotheses import of_sensors, of_targets
+from calib.hypotheses import of_sensors, of_targets, of_times
 
 SOURCES = (
     of_targets.squares,
@@ -18,6 +18,8 @@ SOURCES = (
     of_sensors.beams,
     of_sensors.widths,
     of_sensors.disagreements,
+    of_times.slips,
+    of_times.bumps,
 )
 
 

@@ -1,0 +1,82 @@
+"""What may have moved within a session: a target in its MCS body, or a sensor on the robot."""
+
+import numpy as np
+
+from calib import geometry
+from calib.hypotheses.words import DEGREES, MM, TOLD, vector
+from calib.hypothesis import Hypothesis
+
+LEAST = 6  # placements in a session, below which nobody asks whether something moved between them
+CUTS = (0.25, 0.5, 0.75)  # of the placements, after which it may have
+
+
+def slips(setup):
+    """A target that sits elsewhere in its MCS body from some placement on: its markers were
+    knocked, or it slipped in its holder."""
+    for (session, name), places in sorted(_rests(setup, lambda g, p: p.target).items()):
+        if setup.targets[name].points is None:
+            for first, count in _cuts(places):
+                yield _since(
+                    "slipped", name, False, session, first, _of_target,
+                    f"{name} sits elsewhere in its MCS body from its placement {count} in session "
+                    f"{session} on, along and about its own x, y, z",
+                    f"see whether {name} or its markers were knocked then",
+                )  # fmt: skip
+
+
+def bumps(setup):
+    """A sensor that sits elsewhere on the robot from some placement on."""
+    for (session, name), places in sorted(_rests(setup, lambda g, p: g.sensor).items()):
+        for first, count in _cuts(places):
+            yield _since(
+                "bumped", name, True, session, first, _of_sensor,
+                f"{name} sits elsewhere on the robot from its placement {count} in session "
+                f"{session} on, along and about its own x, y, z",
+                f"see whether {name} was bumped then",
+            )  # fmt: skip
+
+
+def _rests(setup, of):
+    """{(session, name): {start, ns, of the still placements}}; of(group, placement) names it."""
+    out = {}
+    for g in setup.groups:
+        place = setup.placements[g.placement]
+        if place.moving is None:
+            out.setdefault((place.session, of(g, place)), set()).add(place.start)
+    return out
+
+
+def _cuts(starts):
+    """[(start, ns, of the first placement after a cut, its number from 1)]."""
+    if len(starts) < LEAST:
+        return []
+    order = sorted(starts)
+    return [(order[int(share * len(order))], int(share * len(order)) + 1) for share in CUTS]
+
+
+def _since(name, of, on_sensor, session, first, derivative, text, remedy):
+    """The Hypothesis of a pose that differs from a time, ns, of a session on."""
+
+    def slope(view):
+        place = view.setup.placements[view.group.placement]
+        later = place.session == session and place.start >= first
+        return derivative(view) if later else np.zeros((6, *view.J.shape[::2]))
+
+    def told(theta, sigma):
+        parts = [(theta[:3], sigma[:3], MM, "mm"), (theta[3:], sigma[3:], DEGREES, "°")]
+        parts = [part for part in parts if part[1].any()]
+        clear = [part for part in parts if (np.abs(part[0]) > TOLD * part[1]).any()]
+        return f"{text}: by {' and '.join(vector(*part) for part in clear or parts)}"
+
+    apart = "calibrate what comes before and after as sessions of their own (from_s, to_s)"
+    return Hypothesis(name, of, on_sensor, (), 6, slope, told, f"{remedy}; {apart}")
+
+
+def _of_target(view):
+    return np.swapaxes(view.J, 0, 1)
+
+
+def _of_sensor(view):
+    """(6, k, n) by the right perturbation of T_robot_sensor."""
+    A = -geometry.adjoint(geometry.inverse(view.T_sensor_target))
+    return np.einsum("kin,ij->jkn", view.J, A)
