@@ -24,7 +24,7 @@ FAULTS = {  # title, more arguments of simulate.py, whether the lens is stated w
     "clock far": ("MCS stamps 200 ms late", "--mcs-late-s 0.2", False),
     "drift": ("MCS stamps 25 ms late, growing by 200 ppm", f"{LATE} --mcs-drift-ppm 200", False),
     "mount": ("targets 6 mm and 1° from where they are said to be", MOUNT, False),
-    "clock and mount": ("the first and the last of these", f"{LATE} {MOUNT}", False),
+    "clock and mount": ("MCS stamps 25 ms late, targets 6 mm and 1° off", f"{LATE} {MOUNT}", False),
     "lens": ("focal length stated 0.5 % too long", "", True),
     "beams": ("beams of the lidar off by 10 mm, one by one", BEAMS, False),
     ALL: ("clock, mount, lens and beams", f"{LATE} {MOUNT} {BEAMS}", True),
