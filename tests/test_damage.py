@@ -93,7 +93,9 @@ def test_a_damaged_log_gives_what_is_left_of_it_or_one_clear_line(whole, contain
                 assert all("\n" not in fault for fault in faults)
     finally:
         path.write_bytes(content)
-    assert read > CASES / 10
+    # A small file compressed as a whole is one block, of which a part gives nothing: of five kinds of
+    # damage only two leave it readable, and seldom.
+    assert read > CASES / (30 if container.endswith("file") else 10)
 
 
 @pytest.mark.parametrize("container", ["mcap, zstd", "mcap, none", "mcap, no chunks"])

@@ -17,8 +17,8 @@ import judge
 import report
 import runs
 import solve
-from calib import geometry, mocap, rig, stage, tables, targets
-from calib.config import complete, load_yaml
+from calib import geometry, mocap, rig, stage, tables, targets, yamls
+from calib.config import complete
 from calib.status import InputError
 
 HOME = "results/sim/sim"
@@ -87,7 +87,7 @@ def test_gate_finds_the_placements_and_their_poses_to_a_nanometre(here, truth):
 
 def test_guess_passes_on_the_rig_s_own(here):
     found = stage.read_json(f"{HOME}/camera/guess.json")
-    written = load_yaml("config/rigs/sim.yaml")["sensors"]["camera"]
+    written = yamls.load("config/rigs/sim.yaml")["sensors"]["camera"]
     assert found["source"] == "config"
     np.testing.assert_allclose(matrix(found["T_robot_sensor"]), rig.pose(written["T_robot_sensor"]))
     np.testing.assert_allclose(found["sigma"], rig.pose_sigma(written["guess_sigma"]))
@@ -138,8 +138,8 @@ def test_crop_accounts_for_every_frame_and_keeps_none_that_moves(here, truth):
 def test_extracted_corners_are_those_of_the_board_to_0_02_px(here, truth):
     pairs, _, _ = tables.read(f"{HOME}/pairs.parquet", tables.PAIRS)
     rows = tables.select(pairs, pairs["kind"] == "corner")
-    config = complete("rig", load_yaml("config/rigs/sim.yaml"), "rig")["sensors"]["camera"]
-    board = complete("target", load_yaml("config/targets/board.yaml"), "board")
+    config = complete("rig", yamls.load("config/rigs/sim.yaml"), "rig")["sensors"]["camera"]
+    board = complete("target", yamls.load("config/targets/board.yaml"), "board")
     corners = targets.from_config(board).pattern.corners()
     T_robot_camera = matrix(truth["sensors"]["camera"]["T_robot_sensor"])
     errors = []
@@ -158,7 +158,7 @@ def test_members_of_a_lidar_lie_on_the_targets_to_3_micrometres(here, truth):
     T_robot_lidar = matrix(truth["sensors"]["velodyne"]["T_robot_sensor"])
     for name in ("board", "cylinder"):
         target = targets.from_config(
-            complete("target", load_yaml(f"config/targets/{name}.yaml"), name)
+            complete("target", yamls.load(f"config/targets/{name}.yaml"), name)
         )
         mine = (pairs["target"] == name) & (pairs["kind"] == "surface") & (pairs["feature"] >= 0)
         seen = 0
@@ -205,7 +205,7 @@ def test_still_intervals_are_numbered_first(here):
 
 def test_export_writes_the_transform_that_calibration_json_states(here):
     text = Path("results/sim/export/static_transforms.yaml").read_text()
-    exported = load_yaml("results/sim/export/static_transforms.yaml")["transforms"]
+    exported = yamls.load("results/sim/export/static_transforms.yaml")["transforms"]
     result = stage.read_json("results/sim/calibration.json")["sensors"]
     assert [t["child_frame_id"] for t in exported] == ["camera", "velodyne"]
     for t, name in zip(exported, ("camera", "velodyne"), strict=True):

@@ -14,8 +14,7 @@ import gate
 import guess
 import runs
 import solve
-from calib import geometry, rig, stage, tables
-from calib.config import load_yaml
+from calib import geometry, rig, stage, tables, yamls
 
 ARGUMENTS = (
     f"{runs.SMALL} --range-noise-m 0.01 --image-noise 1.8 --mcs-noise-m 0.00015"
@@ -65,7 +64,7 @@ def started(arguments, off):
     """Arguments of guess with a stated pose that is off by a twist (6,), its rotation about the
     truth's own axes, and with the default uncertainty."""
     options = json.loads(arguments[-1])
-    truth = load_yaml("config/rigs/sim.yaml")["truth"][options["name"]]
+    truth = yamls.load("config/rigs/sim.yaml")["truth"][options["name"]]
     T = rig.pose(truth) @ geometry.pose(geometry.so3_exp(off[3:]), off[:3])
     options["sensor"]["T_robot_sensor"] = {"matrix": T.tolist()}
     options["sensor"]["guess_sigma"] = options["guess"]["sigma"]
