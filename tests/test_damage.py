@@ -93,8 +93,8 @@ def test_a_damaged_log_gives_what_is_left_of_it_or_one_clear_line(whole, contain
                 assert all("\n" not in fault for fault in faults)
     finally:
         path.write_bytes(content)
-    # A small file compressed as a whole is one block, of which a part gives nothing: of five kinds of
-    # damage only two leave it readable, and seldom.
+    # A small file compressed as a whole is one block, of which a part gives nothing: of five kinds
+    # of damage only two leave it readable, and seldom.
     assert read > CASES / (30 if container.endswith("file") else 10)
 
 

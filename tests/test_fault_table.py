@@ -22,7 +22,7 @@ LATER = {
     "names_exchanged", "late_clock", "drifting_clock", "stamp_at_end", "empty_clouds",
     "damaged_clouds", "cloud_in_body_frame", "blurred", "black", "another_resolution", "jpeg_cut",
     "focal_wrong", "few_views", "square_wrong", "targets_larger", "board_backward", "mount_far_off",
-    "guess_turned",
+    "guess_turned", "target_knocked",
 }  # fmt: skip
 
 

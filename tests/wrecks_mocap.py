@@ -232,7 +232,7 @@ MOCAP = {
         transforms(in_another_map),
     ),
     "target_knocked": Fault(
-        "markers of the cylinder are knocked by 22 mm half-way", "", knocked,
-        note="Nothing notices it",
+        "markers of the cylinder are knocked by 22 mm half-way",
+        "cylinder sits elsewhere in its MCS body from its placement 5", knocked,
     ),
 }  # fmt: skip
