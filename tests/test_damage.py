@@ -1,8 +1,6 @@
 """Damaged logs: whatever byte is wrong or missing, decode ends with a result or one clear line."""
 
 import os
-import signal
-from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +10,7 @@ import pytest
 import containers
 from calib import clouds, hearing, images, logs
 from calib.benchmark.damage import DAMAGES
+from calib.benchmark.fuzz import at_most
 from calib.sim import log as record
 from calib.status import InputError, MessageError
 from test_intake import taken
@@ -23,22 +22,6 @@ DAMAGED = [
     "mcap, zstd", "mcap, lz4", "mcap, none", "mcap, no chunks", "mcap, ros1", "rosbag2, mcap, file",
     "rosbag2, sqlite3", "rosbag2, sqlite3, message", "bag", "bag, bz2", "bag, lz4",
 ]  # fmt: skip
-
-
-@contextmanager
-def at_most(seconds):
-    """A case that hangs fails, instead of hanging the tests."""
-
-    def late(number, frame):
-        raise AssertionError(f"not done after {seconds} s")
-
-    before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(seconds)
-    try:
-        yield
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.hypotheses.words import DEGREES, MM, PERCENT, TOLD, by, vector, way
+from calib.hypotheses.words import MM, PERCENT, TOLD, by, shift, way
 from calib.hypothesis import METRE, Hypothesis, differences
 
 RELATIVE = 1e-6  # step of a finite difference
@@ -133,13 +133,9 @@ def frames(setup):
     for name in (n for n, _ in _targets(setup, "name") if n not in setup.mounts):
 
         def told(theta, sigma, name=name):
-            parts = [(theta[:3], sigma[:3], MM, "mm"), (theta[3:], sigma[3:], DEGREES, "°")]
-            parts = [part for part in parts if part[1].any()]
-            clear = [part for part in parts if (np.abs(part[0]) > TOLD * part[1]).any()]
-            words = [vector(*part) for part in clear or parts]
             return (
                 f"{name} does not sit in its MCS body where T_body_target says: along and about "
-                f"the target's own x, y, z it is off by {' and '.join(words)}"
+                f"the target's own x, y, z it is off by {shift(theta, sigma)}"
             )
 
         def joined(setup, name=name):

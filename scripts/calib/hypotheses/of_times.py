@@ -3,7 +3,7 @@
 import numpy as np
 
 from calib import geometry
-from calib.hypotheses.words import DEGREES, MM, TOLD, vector
+from calib.hypotheses.words import shift
 from calib.hypothesis import Hypothesis
 
 LEAST = 6  # placements in a session, below which nobody asks whether something moved between them
@@ -63,10 +63,7 @@ def _since(name, of, on_sensor, session, first, derivative, text, remedy):
         return derivative(view) if later else np.zeros((6, *view.J.shape[::2]))
 
     def told(theta, sigma):
-        parts = [(theta[:3], sigma[:3], MM, "mm"), (theta[3:], sigma[3:], DEGREES, "°")]
-        parts = [part for part in parts if part[1].any()]
-        clear = [part for part in parts if (np.abs(part[0]) > TOLD * part[1]).any()]
-        return f"{text}: by {' and '.join(vector(*part) for part in clear or parts)}"
+        return f"{text}: by {shift(theta, sigma)}"
 
     apart = "calibrate what comes before and after as sessions of their own (from_s, to_s)"
     return Hypothesis(name, of, on_sensor, (), 6, slope, told, f"{remedy}; {apart}")

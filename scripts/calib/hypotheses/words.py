@@ -25,6 +25,15 @@ def vector(values, sigmas, factor, unit):
     return f"({shown[0]}) ± ({shown[1]}){'' if unit == '°' else ' '}{unit}"
 
 
+def shift(theta, sigma):
+    """`(9.8, 0.1, 0.3) ± (0.2, 0.2, 0.2) mm and (…)°` of a twist (6,), m and rad; without a part
+    that nothing tells, or that is nothing beside the other."""
+    parts = [(theta[:3], sigma[:3], MM, "mm"), (theta[3:], sigma[3:], DEGREES, "°")]
+    parts = [part for part in parts if part[1].any()]
+    clear = [part for part in parts if (np.abs(part[0]) > TOLD * part[1]).any()]
+    return " and ".join(vector(*part) for part in clear or parts)
+
+
 def _places(sigma):
     """Decimals that show a σ in about two digits."""
     return int(np.clip(1 - np.floor(np.log10(max(sigma, 1e-9))), 0, 6))
