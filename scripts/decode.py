@@ -47,7 +47,7 @@ def main(argv=None):
     poses, words = bodies.columns(recording, clocks, options["mocap"])
     frames = intake.frame_columns(recording.frames, clocks)
     found = audit(options, log, recording, clocks, (poses, frames, words))
-    tables.write(args.mocap, tables.MOCAP, poses)
+    tables.write(args.mocap, tables.MOCAP, poses, notes={"topics": recording.streams.topics()})
     tables.write(args.frames, tables.FRAMES, frames)
     stage.write_json(args.audit, found)
     logger.info("%d poses, %d frames", len(poses["t"]), len(frames["t"]))

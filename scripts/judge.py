@@ -30,6 +30,7 @@ def calibration(solution, overall, reasons, levels):
         "joint_covariance": solution["joint_covariance"],
         "pairs": solution["pairs"],
         "suspicions": solution["suspicions"],
+        "mocap_offsets_s": solution["mocap_offsets_s"],
         "influences": solution["influences"],
         "targets": solution["targets"],
         "repeatability": solution["repeatability"],

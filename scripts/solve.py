@@ -33,12 +33,14 @@ def read_sessions(args, options):
 
 
 def read_motion(args, options):
-    """{session: (columns of the MCS's poses, {sensor: those of its views in motion})}."""
+    """{session: (columns of the MCS's poses, topics by body, {sensor: columns of its views in
+    motion})}."""
     files, out = iter(args.tracked), {}
     for session, path in zip(options["sessions"], args.mocap, strict=True):
         sensors = options["used"][session]
         tracked = {name: tables.read(next(files), tables.KEYPOINTS)[0] for name in sensors}
-        out[session] = tables.read(path, tables.MOCAP)[0], tracked
+        poses, _, notes = tables.read(path, tables.MOCAP)
+        out[session] = poses, notes["topics"], tracked
     return out
 
 

@@ -283,6 +283,7 @@ def calibration():
         },
         "pairs": [],
         "suspicions": [],
+        "mocap_offsets_s": {},
         "influences": [influence(0, 1.4, 5.0), influence(1, None, 7.0)],
         "repeatability": [],
         "targets": {"board": None, "pipe": None},

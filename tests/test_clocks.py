@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib import chain, clocks, estimation, geometry, given, motion, refinement, wander
+from calib import (
+    chain,
+    clocks,
+    estimation,
+    geometry,
+    given,
+    mocap,
+    motion,
+    refinement,
+    tracking,
+    wander,
+)
 from calib.information import covariance
 from calib.mocap import NS, Trajectory
 from synthetic import TRUE, setup
@@ -210,6 +221,37 @@ def test_clocks_that_wander_are_found_with_drift_and_offset_of_every_session():
             assert abs(drift["value"] - 300) < 3.5 * drift["sigma"] < 250, (name, session)
         first = clocks.told(name, made, result, guess)["time_offset_s"]
         assert first["value"] == pytest.approx(found["s"]["time_offset_s"]["value"], abs=1e-12)
+
+
+def test_a_target_whose_poses_come_late_by_a_stream_of_their_own_is_found_with_both_clocks():
+    """The robot rolls and the board swings; its stamps are 12 ms early, those of sensors 20 ms."""
+    made, lag = recorded(0.0, views=30), 0.012
+    places = list(made.placements)
+    for k in range(made.still, len(places)):
+        place, rng = places[k], np.random.default_rng([k, 5])
+        relative = place.moving.trajectory
+        robot = swinging(1, k, np.eye(4))((relative.t - place.moving.t) / NS)
+        clock = relative.t + round(0.02 * NS)
+        noise = geometry.se3_exp(0.1 * synthetic.MCS_SIGMA * rng.normal(size=(len(robot), 6)))
+        body = Trajectory(clock - round(lag * NS), robot @ relative.T @ noise, relative.max_gap)
+        apart = Trajectory(clock, robot, relative.max_gap), body
+        moving = replace(place.moving, apart=apart, trajectory=mocap.relative(*apart))
+        places[k] = replace(place, moving=moving)
+    made, result, _ = refined(replace(made, placements=places))
+    assert result.settled
+    found = clocks.streams(made, result)["board"]
+    assert abs(found["value"] - lag) < 3.5 * found["sigma"] < 2e-3
+    for name in ("camera", "lidar"):
+        value, sigma = offset(made, result, name)
+        assert abs(value - 0.02) < 3.5 * sigma < 4e-3, name
+
+
+def test_only_bodies_by_other_topics_than_the_robots_have_a_clock_of_their_own():
+    poses = {k: np.zeros((0, n)) for k, n in (("xyz", 3), ("quat", 4))}
+    poses |= {"t": np.zeros(0, np.int64), "body": np.zeros(0, str), "fault": np.zeros(0, str)}
+    topics = {"robot": ["/a"], "one": ["/b"], "two": ["/a", "/c"]}
+    bodies = {"board": "one", "cylinder": "two", "plate": "unheard"}
+    assert list(tracking.apart(poses, "robot", bodies, topics, 0.05)) == ["board"]
 
 
 def test_clocks_that_keep_time_are_not_said_to_wander():

@@ -19,7 +19,7 @@ ROWS = {cells[0].strip("`"): cells[1:] for cells in (
 WHAT, SAID, LIDAR, CAMERA, COMES_TO = range(5)
 # Told by stages after decode, from the views on.
 LATER = {
-    "names_exchanged", "late_clock", "drifting_clock", "stamp_at_end", "empty_clouds",
+    "names_exchanged", "late_clock", "board_late", "drifting_clock", "stamp_at_end", "empty_clouds",
     "damaged_clouds", "cloud_in_body_frame", "blurred", "black", "another_resolution", "jpeg_cut",
     "focal_wrong", "few_views", "square_wrong", "targets_larger", "board_backward", "mount_far_off",
     "guess_turned", "target_knocked",

@@ -150,4 +150,7 @@ def clocks(calibration):
         for wander in (sensor["time_wander"] or {}).values():
             drift = wander["drift_ppm"]
             out.append(f"{name}: clock drift {drift['value']:.0f} ppm, σ {drift['sigma']:.0f} ppm")
+    for name, lag in sorted(calibration["mocap_offsets_s"].items()):
+        ms = 1e3 * lag["value"], 1e3 * lag["sigma"]
+        out.append(f"{name}: stamps {ms[0]:.1f} ms off those of the robot, σ {ms[1]:.1f} ms")
     return out

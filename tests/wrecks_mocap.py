@@ -103,6 +103,25 @@ def lost(body=None, when=lambda t: True):
     return damage
 
 
+def on_its_own(body, topic, late):
+    """A damage that sends a body by a topic of its own, with stamps that are late by ns."""
+
+    def damage(rows):
+        out = []
+        for t, name, kind, message in rows:
+            mine = []
+            if name == POSES:
+                mine = [i for i in message.transforms if i.child_frame_id == body]
+                message.transforms = [i for i in message.transforms if i.child_frame_id != body]
+            for item in mine:
+                fault.set_stamp(item.header, fault.stamp_ns(item.header) + late)
+            out.append((t, name, kind, message))
+            out += [(t, topic, kind, type(message)(transforms=mine))] if mine else []
+        return out
+
+    return damage
+
+
 def third_lost(rows):
     gone = np.random.default_rng(0).uniform(size=len(rows)) < 1 / 3
     return [r for r, lost in zip(rows, gone, strict=True) if r[1] != POSES or not lost]
@@ -212,6 +231,11 @@ MOCAP = {
     ),
     "drifting_clock": Fault(
         "a clock that runs 500 ppm fast", "clock drift", simulated="--mcs-drift-ppm 500",
+    ),
+    "board_late": Fault(
+        "the board comes by a topic of its own, whose stamps are 12 ms late",
+        "board: stamps -12", on_its_own(BOARD, "/tf_board", 12 * MS),
+        config=lambda session, rig, targets: rig["mocap"].update(topics=["/tf", "/tf_board"]),
     ),
     "millimetres": Fault("positions in millimetres", "millimetres", transforms(millimetres)),
     "y_up": Fault("a map whose y axis points up", "", transforms(y_up)),

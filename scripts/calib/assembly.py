@@ -62,17 +62,19 @@ def setup_of(sessions, mounts, options):
 
 def with_motion(setup, seen, sessions, options):
     """The Setup with the views of targets in motion, and the clocks that they tell; seen: session
-    -> (columns of mocap.parquet, {sensor: those of tracked.parquet})."""
+    -> (columns of mocap.parquet, topics by body, {sensor: columns of tracked.parquet})."""
     places, groups = list(setup.placements), list(setup.groups)
-    for session, (poses, tracked) in seen.items():
+    for session, (poses, topics, tracked) in seen.items():
         known = {p.target: p.T_body_target for p in setup.placements if p.session == session}
         bodies = {n: c["body"] for n, c in options["targets"].items() if n in known}
         paths = tracking.trajectories(poses, options["body"], bodies, options["max_gap_s"])
+        stated = options["body"], bodies, topics, options["max_gap_s"]
+        streams = tracking.apart(poses, *stated)
         for name, columns in tracked.items():
             columns = tables.select(columns, np.isin(columns["target"], list(known)))
             if name in setup.models and len(columns["view"]):
                 late = clock_guess(name, sessions)["value"]
-                about = session, name, late, paths, known, options["mocap"], len(places)
+                about = session, name, late, paths, streams, known, options["mocap"], len(places)
                 found = tracking.seen(columns, *about)
                 places, groups = places + found[0], groups + found[1]
     timed = sorted({g.sensor for g in groups if g.moving})

@@ -9,6 +9,7 @@ from calib.mocap import NS
 from calib.problem import Poses
 
 MARKERS = "markers"  # name of the correction that is where a session's MCS body of the robot sits
+STREAM = "mocap_offset"  # likewise of how late the clock of a target's poses is against the robot's
 
 
 @dataclass
@@ -73,13 +74,16 @@ def model(setup, state, group):
 
 
 def followed(setup, theta):
-    """The motion.Fit of every view in motion at its sensor's offset, one of θ (p,)."""
-    delays = [(h, at) for h, at in setup.spans if h.delay]
-    out = []
-    for place in setup.placements[setup.still :]:
-        own = [h.delay(theta[at], place) for h, at in delays if h.of == place.moving.sensor]
-        out.append(place.moving.at(float(sum(own))))
-    return out
+    """The motion.Fit of every view in motion at its offset and lag, by θ (p,)."""
+    return [p.moving.at(*late(setup, theta, p)) for p in setup.placements[setup.still :]]
+
+
+def late(setup, theta, place):
+    """(offset of the sensor's clock, lag of the target's poses), s, in a view in motion."""
+    delays = [(h, at) for h, at in setup.spans if h.delay and h.of == place.moving.sensor]
+    lag = setup.span(STREAM, place.target)
+    offset = sum(h.delay(theta[at], place) for h, at in delays)
+    return float(offset), 0.0 if lag is None else float(theta[lag][0])
 
 
 def number_of(setup, state, name, of):

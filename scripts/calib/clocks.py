@@ -9,6 +9,8 @@ from calib.information import covariance
 
 CLOCK = "time_offset"  # name of the correction
 SECOND = 1e-6  # step of a finite difference
+STREAM_S = 0.05  # σ of the prior of a lag between two streams of the MCS
+LAG_STEP = 1e-3  # s, of a finite difference: between samples of the MCS
 KNOWN = 0.3  # of the prior's σ: an offset that is told no better is not told
 
 
@@ -29,6 +31,44 @@ def by_offset(view):
     eta = geometry.adjoint(geometry.inverse(T_body_target)) @ there.velocity
     ahead = view.changed(T_sensor_target=view.T_sensor_target @ geometry.se3_exp(SECOND * eta))
     return (ahead - view.assigned.standard.T)[None] / SECOND
+
+
+def stream(target):
+    """The Hypothesis of how late the clock of a target's poses is against that of the robot's, s,
+    where they come by streams of their own: t_robot = t_target + lag."""
+    return Hypothesis(
+        chain.STREAM, target, False, (), 1, by_lag, lambda theta, sigma: "", "",
+        np.array([STREAM_S]), lambda model, theta, placement: model, moving=True,
+    )  # fmt: skip
+
+
+def by_lag(view):
+    """(1, k, n): what a later target does to the residuals of a view in motion."""
+    g, state = view.group, view.state
+    place = view.setup.placements[g.placement]
+    offset, lag = chain.late(view.setup, state.theta, place)
+    before, after = (place.moving.at(offset, lag + s).T for s in (-LAG_STEP, LAG_STEP))
+    eta = geometry.se3_log(geometry.inverse(before) @ after) / (2 * LAG_STEP)
+    T_target_body = geometry.inverse(chain.T_body_target(view.setup, state, g.placement))
+    step = geometry.se3_exp(SECOND * geometry.adjoint(T_target_body) @ eta)
+    moved = view.changed(T_sensor_target=view.T_sensor_target @ step)
+    return (moved - view.assigned.standard.T)[None] / SECOND
+
+
+def streams(setup, result):
+    """{target: {value, sigma}} of the lags that were estimated, as far as views in motion tell
+    them, s."""
+    if result.solution is None:
+        return {}
+    spread, out = np.diag(covariance(result.solution.information))[setup.chained :], {}
+    for h, at in setup.spans:
+        (ratio,) = np.sqrt(spread[at]) if h.name == chain.STREAM else (1.0,)
+        if ratio < KNOWN:
+            out[h.of] = {
+                "value": float(result.state.theta[at][0]),
+                "sigma": float(ratio * STREAM_S),
+            }
+    return out
 
 
 def doubts(setup, result):

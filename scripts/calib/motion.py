@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib import geometry
+from calib import geometry, mocap
 from calib.mocap import NS
 
+AROUND = NS  # ns to each side of a view, in which poses may be of use
 REACH = 4.5  # samples of the MCS to each side of a time, from which pose and speed there are taken
 
 
@@ -62,14 +63,25 @@ def fit(trajectory, t):
 @dataclass(frozen=True)
 class Moving:
     """What a sensor saw at t, ns, of a body of which a Trajectory of T_robot_body is known, and the
-    σ (6,) of what each of the two poses behind that errs by in this view alone."""
+    σ (6,) of what each of the two poses behind that errs by in this view alone. apart: Trajectories
+    of robot and body in the map where they come by streams of their own, whose clocks may differ.
+    """
 
     sensor: str
     t: int
     trajectory: object
     sigma: np.ndarray
+    apart: tuple | None = None
 
-    def at(self, offset):
-        """The Fit at t on the clock of the MCS, the sensor's being late by an offset, s. Where the
-        MCS has none, that at t itself."""
-        return fit(self.trajectory, self.t + round(offset * NS)) or fit(self.trajectory, self.t)
+    def at(self, offset, lag=0.0):
+        """The Fit at t on the clock of the robot's poses, the sensor's being late by an offset, s,
+        and that of the body's poses by a lag, s. Where the MCS has none, that at t itself."""
+        path = self._lagging(lag) if lag and self.apart else self.trajectory
+        return fit(path, self.t + round(offset * NS)) or fit(self.trajectory, self.t)
+
+    def _lagging(self, lag):
+        """The Trajectory of T_robot_body around t, the body's stamps taken to the robot's clock."""
+        robot, body = self.apart
+        t = body.t + round(lag * NS)
+        rows = slice(*np.searchsorted(t, [self.t - AROUND, self.t + AROUND]))
+        return mocap.relative(robot, mocap.Trajectory(t[rows], body.T[rows], body.max_gap))

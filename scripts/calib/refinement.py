@@ -11,6 +11,7 @@ from calib import (
     estimation,
     hypotheses,
     intrinsics,
+    scores,
     suspicion,
     wander,
 )
@@ -51,11 +52,33 @@ def estimate(setup, T_robot_sensor, wanted, moving=None, **limits):
     if wanted.get("time_offset") is False:
         doubts = clocks.doubts(wider, with_clocks)
         return setup, considered.widened(setup, result), suspected + doubts
-    result = with_clocks
+    wider, result = _lags(wider, with_clocks, limits)
     setup = wander.allowed(wider, result)
     if setup is not wider:
         result = estimation.resume(setup, (wider, result), **limits)
     return setup, considered.widened(setup, result), suspicion.suspicions(setup, result)
+
+
+def _lags(setup, result, limits):
+    """(Setup, its Result) with the lags of targets whose poses come by streams of their own, as far
+    as they are beyond doubt."""
+    places = setup.placements[setup.still :]
+    targets = sorted({p.target for p in places if p.moving.apart})
+    while targets:
+        corrections = (*setup.corrections, *map(clocks.stream, targets))
+        wider = replace(setup, corrections=corrections)
+        found = estimation.resume(wider, (setup, result), **limits)
+        told = clocks.streams(wider, found)
+        sure = [t for t, lag in told.items() if scores.chance(_gain(lag), 1) < SURE]
+        if sure == targets:
+            return wider, found
+        targets = sure
+    return setup, result
+
+
+def _gain(number):
+    """In log likelihood, of {value, sigma}."""
+    return (number["value"] / number["sigma"]) ** 2 / 2
 
 
 def _asked_for(setup, result, wanted, limits):

@@ -63,6 +63,7 @@ def as_json(setup, result, suspected, known, options):
         if solved
         else [],
         "sessions": dict.fromkeys(options["sessions"]),
+        "mocap_offsets_s": clocks.streams(setup, result),
         "influences": quality.influences(setup, left),
         "noise": noise(setup, result),
         "provenance": {

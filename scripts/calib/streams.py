@@ -72,6 +72,13 @@ class Streams:
                 stream = self._found.setdefault(place, Stream())
                 stream.add(pose.t, message.log_t, pose.xyz, pose.quat)
 
+    def topics(self):
+        """{frame: topics that gave it, in order}."""
+        out = {}
+        for topic, (_, child) in sorted(self._found):
+            out.setdefault(child, []).append(topic)
+        return out
+
     def by_topic(self):
         """{topic: {(parent, child): columns}}, both in order."""
         out = {}

@@ -23,6 +23,17 @@ def trajectories(columns, body, bodies, max_gap_s):
     }
 
 
+def apart(columns, body, bodies, topics, max_gap_s):
+    """{target: Trajectories of robot and body in the map} of those whose poses come by other topics
+    than the robot's; topics: {body: its topics}."""
+    robot, out = mocap.trajectory(columns, body, max_gap_s), {}
+    for target, name in sorted(bodies.items()):
+        own = topics.get(body, ()), topics.get(name, ())
+        if all(own) and not set(own[0]) & set(own[1]):
+            out[target] = robot, mocap.trajectory(columns, name, max_gap_s)
+    return out
+
+
 def choose(sensor, target, path, stamps, T_body_target, guess, margin, options):
     """[(row of stamps (n,), T_sensor_target (4, 4), margin (6,))] of the views to keep, in order.
 
@@ -50,21 +61,23 @@ def _of_use(velocity):
     return not fast and linear + ARM_M * angular > LEAST_MPS
 
 
-def placement(session, target, sensor, t, path, T_body_target, mocap_noise):
+def placement(session, target, sensor, t, path, T_body_target, mocap_noise, apart=None):
     """The given.Placement of a view of a target in motion at t, ns, on the clock of the MCS; None
-    where that has a gap. mocap_noise: block with pose_sigma and pose_bias_sigma."""
+    where that has a gap. mocap_noise: block with pose_sigma and pose_bias_sigma; apart: as that of
+    motion.Moving."""
     there = motion.fit(path, t)
     if there is None:
         return None
     white, bias = (rig.pose_sigma(mocap_noise[k]) for k in ("pose_sigma", "pose_bias_sigma"))
     # What the MCS errs by beside noise is neither the same in all places nor new in each: once over
     # for all views, so that many tell of poses no more than one placement, and once for each.
-    seen = motion.Moving(sensor, t, path, np.hypot(there.factor * white, bias))
+    seen = motion.Moving(sensor, t, path, np.hypot(there.factor * white, bias), apart)
     return given.Placement(session, target, there.T, T_body_target, bias, moving=seen)
 
 
-def seen(keypoints, session, sensor, offset, paths, T_body_target, mocap_noise, first):
-    """([Placement], [Group]) of the keypoints of a sensor's views in motion, numbered from first.
+def seen(keypoints, session, sensor, offset, paths, streams, T_body_target, mocap_noise, first):
+    """([Placement], [Group]) of the keypoints of a sensor's views in motion, numbered from first;
+    streams: as `apart` gives them.
 
     Stamps are taken to the clock of the MCS by an offset, s, a first guess; each view's time is the
     mean of its keypoints'. T_body_target (4, 4) by target.
@@ -78,7 +91,7 @@ def seen(keypoints, session, sensor, offset, paths, T_body_target, mocap_noise, 
         target, kind = str(columns["target"][0]), str(columns["kind"][0])
         columns = columns | {"t": columns["t"] + late}
         t = int(columns["t"][0]) + int(np.mean(columns["t"] - columns["t"][0]))
-        known = T_body_target[target], mocap_noise
+        known = T_body_target[target], mocap_noise, streams.get(target)
         place = placement(session, target, sensor, t, paths[target], *known)
         if place is not None:
             groups.append(given.Group(sensor, first + len(places), kind, columns, moving=True))

@@ -26,6 +26,8 @@ def other_unknowns(run):
             rows.append((f"intrinsics of {name}", _lens(run, name, s)))
         rows += [(f"{CORRECTED[c['name']]} of {name}", c["text"]) for c in s["corrections"]]
         rows += [(f"ranges of {name}, all together", told) for told in _in_common(s)]
+    for name, lag in sorted(run.calibration["mocap_offsets_s"].items()):
+        rows.append((f"stamps of {name} against the robot's", _ms(lag)))
     for name, target in sorted(run.calibration["targets"].items()):
         rows.append((f"alignment of {name} in its MCS body", _alignment(run, name, target)))
     for name, session in sorted(run.calibration["sessions"].items()):
