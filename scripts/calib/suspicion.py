@@ -16,6 +16,7 @@ LEAST_NOISE = 1e-4  # of the variance that was estimated
 RIVAL = 0.5  # of the best gain: a hypothesis that explains so much might be meant instead
 SIMPLER = 3.0  # log likelihood by which every further number must explain more to be preferred
 MCS, MOTION = "mocap", "motion"
+MOVED = ("slipped", "bumped")  # names of hypotheses that need more than one state of things
 
 
 def suspicions(setup, result):
@@ -33,29 +34,31 @@ def suspicions(setup, result):
     ends = np.cumsum([0] + [h.size for h in found])
     columns = [np.arange(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
     terms = noises(setup, result, found, columns)
+    moved = {i for i, h in enumerate(found) if h.name in MOVED}
     names = sorted(setup.models)
-    out = [told(found, columns, terms, names, *step) for step in accepted(columns, terms)]
+    out = [told(found, columns, terms, names, *step) for step in accepted(columns, terms, moved)]
     for one in out:
         elsewhere = {s["remedy"] for s in out} - {one["remedy"]}
         one["rivals"] = [r for r in one["rivals"] if r["remedy"] not in elsewhere]
     return sorted(out, key=_impact, reverse=True)
 
 
-def accepted(columns, terms):
+def accepted(columns, terms, moved):
     """[(Fit without it, {index: (Fit, gain, scatter)} of it and its rivals, its index)].
 
     The best is taken first, then others beside it as long as they have something to say; what
-    those that came later have made superfluous is put back, or its better rival taken.
+    those that came later have made superfluous is put back, or its better rival taken. moved: the
+    indices of those that are taken only where nothing that stays as it is explains half as much.
     """
     chosen = []
     while len(chosen) < MOST:
         found = gains(columns, terms, _free(columns, terms, chosen))
         if not found:
             break
-        chosen.append(_best(columns, found))
+        chosen.append(_best(columns, found, moved))
     for _ in range(MOST):
         out = {i: _beside(columns, terms, chosen, i) for i in chosen}
-        revised = list(dict.fromkeys(_best(columns, f) for _, f in out.values() if f))
+        revised = list(dict.fromkeys(_best(columns, f, moved) for _, f in out.values() if f))
         if revised == chosen:
             break
         chosen = revised
@@ -63,9 +66,11 @@ def accepted(columns, terms):
     return [(*out[i], i) for i in chosen if i in out[i][1]]
 
 
-def _best(columns, found):
+def _best(columns, found, moved):
     """Index of the hypothesis that explains the most for its numbers."""
-    return max(found, key=lambda i: found[i][1] - SIMPLER * len(columns[i]))
+    most = max(gain for _, gain, _ in found.values())
+    stays = [i for i, f in found.items() if i not in moved and f[1] >= RIVAL * most]
+    return max(stays or found, key=lambda i: found[i][1] - SIMPLER * len(columns[i]))
 
 
 def _free(columns, terms, chosen):
