@@ -36,7 +36,7 @@ def estimate(setup, T_robot_sensor, wanted, moving=None, **limits):
 
     moving: Setup -> the one with views of targets in motion too. They tell clocks, and little of
     all else: they come in when that is settled. Where clocks are not to be estimated, they only
-    say whether that may be.
+    say whether that may be. Suspicions are of the still placements.
     """
     setup = _from_the_start(setup, wanted)
     result = estimation.estimate(setup, T_robot_sensor, **limits)
@@ -46,7 +46,8 @@ def estimate(setup, T_robot_sensor, wanted, moving=None, **limits):
         setup = replace(setup, corrections=tuple(kept), lenses=setup.lenses | refused)
         result = estimation.estimate(setup, T_robot_sensor, **limits)
     setup, result, suspected = _asked_for(setup, result, wanted, limits)
-    if moving is None or not result.solution or (wider := moving(setup)) is setup:
+    wider = moving(setup) if moving and result.solution else setup
+    if wider.still == len(wider.placements):
         return setup, considered.widened(setup, result), suspected
     with_clocks = estimation.resume(wider, (setup, result), **limits)
     if wanted.get("time_offset") is False:
@@ -56,7 +57,7 @@ def estimate(setup, T_robot_sensor, wanted, moving=None, **limits):
     setup = wander.allowed(wider, result)
     if setup is not wider:
         result = estimation.resume(setup, (wider, result), **limits)
-    return setup, considered.widened(setup, result), suspicion.suspicions(setup, result)
+    return setup, considered.widened(setup, result), suspected
 
 
 def _lags(setup, result, limits):

@@ -15,12 +15,13 @@ MOST = 6  # explanations accepted one beside the other
 LEAST_NOISE = 1e-4  # of the variance that was estimated
 RIVAL = 0.5  # of the best gain: a hypothesis that explains so much might be meant instead
 SIMPLER = 3.0  # log likelihood by which every further number must explain more to be preferred
-MCS, MOTION = "mocap", "motion"
+MCS = "mocap"
 MOVED = ("slipped", "bumped")  # names of hypotheses that need more than one state of things
 
 
 def suspicions(setup, result):
-    """The accepted explanations as plain data, none without a solution.
+    """The accepted explanations as plain data, none without a solution; of a Setup of still
+    placements alone, for views in motion have errors of their own.
 
     First what would move a pose the most. Each: name, of, text, remedy; estimate and sigma of its
     numbers (m, rad, px or 1); gain in log likelihood and the chance of it where nothing is wrong;
@@ -112,10 +113,6 @@ def noises(setup, result, found, columns):
     cluster = normal.together(setup, parts, errors)
     blocks, least, owner = {}, {}, {}
     for g, a, part in zip(setup.groups, result.assigned, parts, strict=True):
-        if g.moving:
-            blocks.setdefault(MOTION, []).append(_unquestioned(part, cluster[g.placement]))
-            least[MOTION] = 1.0
-            continue
         key, scale = f"{g.sensor}/{g.kind}", result.state.noise[noise.of(g)].total
         view = View(setup, result.state, chain.model(setup, result.state, g), g, a, part.J)
         blocks.setdefault(key, []).append(_block(view, part, found, columns, cluster[g.placement]))
@@ -148,14 +145,6 @@ def _block(view, part, found, columns, cluster):
         float(np.sum(w * r**2)),
         float(np.sum(w)) * len(r),
     )
-
-
-def _unquestioned(part, cluster):
-    """The scores.Block of a view in motion: what it tells of the unknowns, and of no number."""
-    p, none = len(part.columns), np.zeros(0)
-    empty = np.zeros((p, 0)), np.zeros((0, 0))
-    at = none.astype(int)
-    return scores.Block(cluster, part.columns, at, part.hessian, *empty, part.slope, none, 0.0, 0.0)
 
 
 def _prior(column, value, cluster, told):
