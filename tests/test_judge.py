@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from calib import config, findings, geometry, solution, suspicion, verdict
+from calib import config, findings, geometry, hypotheses, solution, suspicion, verdict
 from synthetic import World, outline_scaled, pattern_scaled, setup, solved, zoomed
 
 LIMITS = config.complete("config", {"sessions": {"s": {"rig": "r", "log": "x"}}}, "x")["judge"]
@@ -24,7 +24,7 @@ def content(made):
     options = {"rig": "r", "sensors": sensors, "targets": {}, "sessions": ["s"]}
     known = {name: (solution.OK, GUESS) for name in sensors}
     result = solved(made)
-    suspected = suspicion.suspicions(made, result)
+    suspected = suspicion.suspicions(made, result, hypotheses.with_moves(made))
     told = solution.as_json(made, result, suspected, known, options)
     for sensor in told["sensors"].values():
         sensor["next_view"] = None

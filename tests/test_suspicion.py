@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib import geometry, intrinsics, suspicion
+from calib import geometry, hypotheses, intrinsics, suspicion
 from calib.hypotheses import all_of
 from calib.hypotheses.of_targets import _with_edges_moved
 from calib.hypothesis import View
@@ -21,7 +21,11 @@ RADIUS = synthetic.TARGETS | {"cylinder": replace(synthetic.CYLINDER, radius=0.1
 def found(world, seed=0):
     """Suspicions that the judge would believe."""
     made = setup(seed, MIXED, world)
-    return [s for s in suspicion.suspicions(made, solved(made, rounds=20)) if s["chance"] < SURE]
+    return [
+        s
+        for s in suspicion.suspicions(made, solved(made, rounds=20), hypotheses.with_moves(made))
+        if s["chance"] < SURE
+    ]
 
 
 WRONG = {
@@ -85,7 +89,7 @@ def test_a_target_that_is_knocked_half_way_is_named_with_when_and_by_how_much():
         for k, p in enumerate(made.placements)
     ]
     made = replace(made, placements=places)
-    first = suspicion.suspicions(made, solved(made, rounds=20))[0]
+    first = suspicion.suspicions(made, solved(made, rounds=20), hypotheses.with_moves(made))[0]
     assert (first["name"], first["of"]) == ("slipped", "board") and first["chance"] < 1e-9
     assert "from its placement 7 in session s on" in first["text"]
     np.testing.assert_allclose(first["estimate"], KNOCK, atol=0.0025)
@@ -102,7 +106,7 @@ def test_a_sensor_that_is_bumped_half_way_is_named_with_when_and_by_how_much():
         there = elsewhere @ exact[k].T_robot_body
         groups += synthetic.measured(rng, world, "camera", k, "board", there)
     made = replace(made, groups=groups)
-    first = suspicion.suspicions(made, solved(made, rounds=20))[0]
+    first = suspicion.suspicions(made, solved(made, rounds=20), hypotheses.with_moves(made))[0]
     assert (first["name"], first["of"]) == ("bumped", "camera") and first["chance"] < 1e-9
     assert "from its placement 7 in session s on" in first["text"]
     np.testing.assert_allclose(first["estimate"], KNOCK, atol=0.0025)

@@ -45,7 +45,8 @@ def estimate(setup, T_robot_sensor, wanted, moving=None, **limits):
         kept = [h for h in setup.corrections if h.name != intrinsics.NAME or h.of not in refused]
         setup = replace(setup, corrections=tuple(kept), lenses=setup.lenses | refused)
         result = estimation.estimate(setup, T_robot_sensor, **limits)
-    setup, result, suspected = _asked_for(setup, result, wanted, limits)
+    setup, result = _asked_for(setup, result, wanted, limits)
+    suspected = suspicion.suspicions(setup, result, hypotheses.with_moves(setup))
     wider = moving(setup) if moving and result.solution else setup
     if wider.still == len(wider.placements):
         return setup, considered.widened(setup, result), suspected
@@ -83,9 +84,9 @@ def _gain(number):
 
 
 def _asked_for(setup, result, wanted, limits):
-    """(Setup, its Result, its suspicions) with what the residuals ask for."""
+    """(Setup, its Result) with what the residuals ask for."""
     names = {n for key, value in wanted.items() if value == "auto" for n in NAMES.get(key, ())}
-    suspected = suspicion.suspicions(setup, result)
+    suspected = suspicion.suspicions(setup, result, hypotheses.all_of(setup))
     for _ in range(MOST):
         wider = _widened(setup, suspected, names)
         if wider is setup:
@@ -97,8 +98,8 @@ def _asked_for(setup, result, wanted, limits):
             names -= {"frame"}
             continue
         setup, result = wider, found
-        suspected = suspicion.suspicions(setup, result)
-    return setup, result, suspected
+        suspected = suspicion.suspicions(setup, result, hypotheses.all_of(setup))
+    return setup, result
 
 
 def _from_the_start(setup, wanted):

@@ -6,7 +6,7 @@ the others are tried beside it: what then has nothing left to say was another na
 
 import numpy as np
 
-from calib import chain, hypotheses, kinds, noise, normal, scores
+from calib import chain, kinds, noise, normal, scores
 from calib.hypothesis import View
 from calib.observability import ARM
 
@@ -19,9 +19,9 @@ MCS = "mocap"
 MOVED = ("slipped", "bumped")  # names of hypotheses that need more than one state of things
 
 
-def suspicions(setup, result):
+def suspicions(setup, result, found):
     """The accepted explanations as plain data, none without a solution; of a Setup of still
-    placements alone, for views in motion have errors of their own.
+    placements alone, for views in motion have errors of their own. found: the hypotheses to try.
 
     First what would move a pose the most. Each: name, of, text, remedy; estimate and sigma of its
     numbers (m, rad, px or 1); gain in log likelihood and the chance of it where nothing is wrong;
@@ -31,7 +31,6 @@ def suspicions(setup, result):
     """
     if result.solution is None:
         return []
-    found = hypotheses.all_of(setup)
     ends = np.cumsum([0] + [h.size for h in found])
     columns = [np.arange(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
     terms = noises(setup, result, found, columns)

@@ -18,13 +18,18 @@ SOURCES = (
     of_sensors.beams,
     of_sensors.widths,
     of_sensors.disagreements,
-    of_times.slips,
-    of_times.bumps,
 )
+MOVES = (of_times.slips, of_times.bumps)
 
 
 def all_of(setup):
-    """Every Hypothesis of a Setup that it does not estimate already, in a fixed order."""
+    """Every Hypothesis of a Setup that it does not estimate already, in a fixed order; without
+    those of what moved within a session, which have numbers enough to explain much of anything."""
     known = {(h.name, h.of) for h in setup.corrections}
     found = [h for source in SOURCES for h in source(setup)]
     return [h for h in found if (h.name, h.of) not in known]
+
+
+def with_moves(setup):
+    """Those of all_of, and what may have moved within a session."""
+    return [*all_of(setup), *(h for source in MOVES for h in source(setup))]
