@@ -26,12 +26,13 @@ def trajectories(columns, body, bodies, max_gap_s):
 def apart(columns, body, bodies, topics, max_gap_s):
     """{target: Trajectories of robot and body in the map} of those whose poses come by other topics
     than the robot's; topics: {body: its topics}."""
-    robot, out = mocap.trajectory(columns, body, max_gap_s), {}
-    for target, name in sorted(bodies.items()):
-        own = topics.get(body, ()), topics.get(name, ())
-        if all(own) and not set(own[0]) & set(own[1]):
-            out[target] = robot, mocap.trajectory(columns, name, max_gap_s)
-    return out
+    own = set(topics.get(body, ()))
+    others = {t: n for t, n in sorted(bodies.items()) if own and topics.get(n)}
+    others = {t: n for t, n in others.items() if not own & set(topics[n])}
+    if not others:
+        return {}
+    robot = mocap.trajectory(columns, body, max_gap_s)
+    return {t: (robot, mocap.trajectory(columns, n, max_gap_s)) for t, n in others.items()}
 
 
 def choose(sensor, target, path, stamps, T_body_target, guess, margin, options):

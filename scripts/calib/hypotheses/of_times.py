@@ -13,27 +13,20 @@ CUTS = (0.25, 0.5, 0.75)  # of the placements, after which it may have
 def slips(setup):
     """A target that sits elsewhere in its MCS body from some placement on: its markers were
     knocked, or it slipped in its holder."""
-    for (session, name), places in sorted(_rests(setup, lambda g, p: p.target).items()):
-        if setup.targets[name].points is None:
-            for first, count in _cuts(places):
-                yield _since(
-                    "slipped", name, False, session, first, _of_target,
-                    f"{name} sits elsewhere in its MCS body from its placement {count} in session "
-                    f"{session} on, along and about its own x, y, z",
-                    f"see whether {name} or its markers were knocked then",
-                )  # fmt: skip
+    exact = {n for n, target in setup.targets.items() if target.points is None}
+    for (session, name), starts in sorted(_rests(setup, lambda g, p: p.target).items()):
+        if name in exact:
+            remedy = f"see whether {name} or its markers were knocked then"
+            yield from _since(
+                "slipped", name, False, session, starts, _of_target, "in its MCS body", remedy
+            )
 
 
 def bumps(setup):
     """A sensor that sits elsewhere on the robot from some placement on."""
-    for (session, name), places in sorted(_rests(setup, lambda g, p: g.sensor).items()):
-        for first, count in _cuts(places):
-            yield _since(
-                "bumped", name, True, session, first, _of_sensor,
-                f"{name} sits elsewhere on the robot from its placement {count} in session "
-                f"{session} on, along and about its own x, y, z",
-                f"see whether {name} was bumped then",
-            )  # fmt: skip
+    for (session, name), starts in sorted(_rests(setup, lambda g, p: g.sensor).items()):
+        remedy = f"see whether {name} was bumped then"
+        yield from _since("bumped", name, True, session, starts, _of_sensor, "on the robot", remedy)
 
 
 def _rests(setup, of):
@@ -54,19 +47,23 @@ def _cuts(starts):
     return [(order[int(share * len(order))], int(share * len(order)) + 1) for share in CUTS]
 
 
-def _since(name, of, on_sensor, session, first, derivative, text, remedy):
-    """The Hypothesis of a pose that differs from a time, ns, of a session on."""
-
-    def slope(view):
-        place = view.setup.placements[view.group.placement]
-        later = place.session == session and place.start >= first
-        return derivative(view) if later else np.zeros((6, *view.J.shape[::2]))
-
-    def told(theta, sigma):
-        return f"{text}: by {shift(theta, sigma)}"
-
+def _since(name, of, on_sensor, session, starts, derivative, where, remedy):
+    """Hypotheses of a pose that differs from some of the starts, ns, of a session on."""
     apart = "calibrate what comes before and after as sessions of their own (from_s, to_s)"
-    return Hypothesis(name, of, on_sensor, (), 6, slope, told, f"{remedy}; {apart}")
+    for first, count in _cuts(starts):
+
+        def slope(view, first=first):
+            place = view.setup.placements[view.group.placement]
+            later = place.session == session and place.start >= first
+            return derivative(view) if later else np.zeros((6, *view.J.shape[::2]))
+
+        def told(theta, sigma, count=count):
+            return (
+                f"{of} sits elsewhere {where} from its placement {count} in session {session} on, "
+                f"along and about its own x, y, z: by {shift(theta, sigma)}"
+            )
+
+        yield Hypothesis(name, of, on_sensor, (), 6, slope, told, f"{remedy}; {apart}")
 
 
 def _of_target(view):
