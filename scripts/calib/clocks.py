@@ -5,7 +5,6 @@ from scipy import stats
 
 from calib import chain, geometry
 from calib.hypothesis import Hypothesis
-from calib.information import covariance
 
 CLOCK = "time_offset"  # name of the correction
 SECOND = 1e-6  # step of a finite difference
@@ -60,7 +59,7 @@ def streams(setup, result):
     them, s."""
     if result.solution is None:
         return {}
-    spread, out = np.diag(covariance(result.solution.information))[setup.chained :], {}
+    spread, out = np.diag(result.solution.covariance)[setup.chained :], {}
     for h, at in setup.spans:
         (ratio,) = np.sqrt(spread[at]) if h.name == chain.STREAM else (1.0,)
         if ratio < KNOWN:
@@ -74,7 +73,7 @@ def streams(setup, result):
 def doubts(setup, result):
     """As suspicion.suspicions, of every sensor with views in motion: its clock, not to be
     estimated, is off. Mending it moves no pose: that is told by still placements."""
-    spread = np.diag(covariance(result.solution.information))[setup.chained :]
+    spread = np.diag(result.solution.covariance)[setup.chained :]
     out = []
     for h, at in setup.spans:
         if h.name != CLOCK:
@@ -111,7 +110,7 @@ def told(name, setup, result, guess):
     if not views or at is None or result.solution is None:
         return {"time_offset_s": None, "clock": "not observable: no relative motion"}
     (prior,), (theta,) = setup.theta_sigma[at], result.state.theta[at]
-    (ratio,) = np.sqrt(np.diag(covariance(result.solution.information))[setup.chained :][at])
+    (ratio,) = np.sqrt(np.diag(result.solution.covariance)[setup.chained :][at])
     if ratio > KNOWN:
         return {
             "time_offset_s": None,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib import considered
-from calib.information import covariance, inverse, to_unit
+from calib.information import inverse, to_unit
 from calib.observability import UNDETERMINED
 
 KNOWN = 0.05  # m, rad: a direction of T_sensor_target that one placement tells no better is unknown
@@ -47,7 +47,7 @@ class Left:
 
 def leave_out(setup, result):
     """A Left for every placement that has measurements, in order."""
-    names, P = sorted(setup.models), covariance(result.solution.information)
+    names, P = sorted(setup.models), result.solution.covariance
     own = {}
     for g, part in zip(setup.groups, result.solution.parts, strict=True):
         if not g.moving:

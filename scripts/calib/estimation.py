@@ -1,12 +1,13 @@
 """Solve, re-estimate the noise, re-associate, and again until nothing moves."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from calib import chain, intrinsics, kinds, noise
 from calib.hypothesis import View
-from calib.information import inverse
+from calib.information import covariance, inverse
 from calib.noise import wide
 from calib.parts import information
 from calib.problem import Block, Problem
@@ -25,6 +26,11 @@ class Fit:
     iterations: int
     status: str
     success: bool
+
+    @cached_property
+    def covariance(self):
+        """(n, n) of all unknowns (information.covariance)."""
+        return covariance(self.information)
 
 
 @dataclass(frozen=True)

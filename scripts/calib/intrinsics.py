@@ -7,7 +7,6 @@ import numpy as np
 
 from calib.cameras import MODELS
 from calib.hypothesis import Hypothesis, differences
-from calib.information import covariance
 
 NAME = "intrinsics"
 OF_SIZE = {"fx": 0.05, "fy": 0.05, "cx": 0.05, "cy": 0.05}  # σ of priors, of the larger image side
@@ -57,7 +56,7 @@ def estimated(setup, result, sensor):
     if at is None:
         return None
     theta = result.state.theta[at]
-    share = np.sqrt(np.diag(covariance(result.solution.information))[setup.chained :][at])
+    share = np.sqrt(np.diag(result.solution.covariance)[setup.chained :][at])
     params = np.array(setup.models[sensor].params)[: len(theta)] + theta
     return params, share * setup.theta_sigma[at], share
 

@@ -4,7 +4,6 @@ import numpy as np
 
 from calib import chain, geometry
 from calib.hypothesis import Hypothesis
-from calib.information import covariance
 from calib.rig import pose_json
 
 SIGMA = np.repeat([0.5, np.radians(60.0)], 3)  # m, rad: markers may sit anywhere on a robot
@@ -59,7 +58,7 @@ def told(setup, result):
     for h, at in setup.spans:
         if h.name == chain.MARKERS:
             theta = result.state.theta[at]
-            spread = covariance(result.solution.information)[setup.chained :, setup.chained :]
+            spread = result.solution.covariance[setup.chained :, setup.chained :]
             spread = spread[at, at] * np.outer(h.sigma, h.sigma)
             T = geometry.se3_exp(theta)
             near = geometry.inverse(T) @ geometry.se3_exp(theta + STEP * np.eye(6))

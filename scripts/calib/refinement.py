@@ -15,7 +15,6 @@ from calib import (
     suspicion,
     wander,
 )
-from calib.information import covariance
 
 SURE = 1e-5  # chance of so good an explanation where nothing is wrong, below which it is taken in
 LIKELY = 1e-3  # the same of what is likely beforehand
@@ -136,7 +135,7 @@ def _sure(setup, suspected):
 def corrections(setup, result, sensor):
     """[{name, text, remedy, estimate, sigma, prior}] of what was estimated of a sensor beside its
     pose: numbers θ in m, rad, their σ and that of their priors."""
-    spread = np.sqrt(np.diag(covariance(result.solution.information))[setup.chained :])
+    spread = np.sqrt(np.diag(result.solution.covariance)[setup.chained :])
     ends = np.cumsum([h.size for h in setup.corrections])[:-1]
     parts = (np.split(v, ends) for v in (result.state.theta, spread * setup.theta_sigma))
     out = []

@@ -6,7 +6,6 @@ import numpy as np
 from scipy import stats
 
 from calib import chain, estimation, geometry
-from calib.information import covariance
 from calib.observability import UNDETERMINED
 
 
@@ -48,7 +47,7 @@ def poses(setup, result, session, **limits):
     found = estimation.estimate(own, start, **limits)
     if found.solution is None:
         return {}
-    spread, out = covariance(found.solution.information), {}
+    spread, out = found.solution.covariance, {}
     for i, name in enumerate(sorted(own.models)):
         block = spread[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]
         variances = np.diag(block)

@@ -19,7 +19,6 @@ from calib import (
     tables,
     wander,
 )
-from calib.information import covariance
 from calib.kinds.assignment import loss_weight
 from calib.observability import MOUNT
 from calib.status import OK, failed
@@ -135,7 +134,7 @@ def joint_covariance(setup, result, solved):
     """(6k, 6k) over the solved sensors in order; what is not solved is marginalised out."""
     names = sorted(setup.models)
     rows = [6 * names.index(n) + i for n in solved for i in range(6)]
-    return covariance(result.solution.information)[np.ix_(rows, rows)]
+    return result.solution.covariance[np.ix_(rows, rows)]
 
 
 def pairs(T_robot_sensor, order, joint):
@@ -197,7 +196,7 @@ def targets(setup, result, options):
     first = 6 * len(setup.models)
     for i, name in enumerate(sorted(setup.mounts)):
         at = slice(first + 6 * i, first + 6 * i + 6)
-        block = covariance(result.solution.information)[at, at]
+        block = result.solution.covariance[at, at]
         pose = rig.pose_json(result.state.mounts[name])
         out[name] = {"T_body_target": pose, "covariance": block.tolist()}
         out[name] |= {"shift": None, "prior": None, "open": []}

@@ -7,7 +7,6 @@ from scipy import stats
 
 from calib import clocks
 from calib.hypothesis import Hypothesis
-from calib.information import covariance
 from calib.mocap import NS
 
 WANDER = "time_wander"  # name of the correction
@@ -94,7 +93,7 @@ def told(name, setup, result, guess):
     if at is None or result.solution is None:
         return None
     own = np.r_[setup.span(clocks.CLOCK, name), at]
-    spread = covariance(result.solution.information)[setup.chained :, setup.chained :]
+    spread = result.solution.covariance[setup.chained :, setup.chained :]
     sigma, theta = setup.theta_sigma[own], result.state.theta[own]
     spread = spread[np.ix_(own, own)] * np.outer(sigma, sigma)
     moving = [p for p in setup.placements[setup.still :] if p.moving.sensor == name]

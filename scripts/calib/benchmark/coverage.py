@@ -14,7 +14,6 @@ import simulate
 from calib import assembly, config, estimation, geometry, placements, targets
 from calib.benchmark import observations
 from calib.benchmark.statistics import LEVEL, Draw, squared
-from calib.information import covariance
 from calib.sim import files
 
 VIEWS = 2  # scans or images of a placement
@@ -118,7 +117,7 @@ def draw(case, seed):
     limits = case.options["solve"]["max_rounds"], 1e-6, 1e-6
     result = estimation.estimate(setup, start, *limits, noise=10.0)
     names = sorted(case.truth)
-    found = covariance(result.solution.information)[: 6 * len(names), : 6 * len(names)]
+    found = result.solution.covariance[: 6 * len(names), : 6 * len(names)]
     T = result.state.T_robot_sensor
     errors = [geometry.se3_log(geometry.inverse(T[n]) @ case.truth[n]) for n in names]
     return Draw(np.concatenate(errors), found)

@@ -13,7 +13,6 @@ import gate
 from calib import assembly, estimation, extraction, geometry, images, mocap, reference, rig
 from calib.benchmark import recordings
 from calib.benchmark.statistics import Draw
-from calib.information import covariance
 from calib.sim import exposure, lidar, record
 from calib.sim import mocap as measured
 
@@ -30,7 +29,7 @@ def draw(recording, seed):
     stops = assembly.limits(setup, recording.options["solve"] | TOLERANCE)
     result = estimation.estimate(setup, start, **stops)
     T = result.state.T_robot_sensor[recording.sensor]
-    spread = covariance(result.solution.information)[:6, :6]
+    spread = result.solution.covariance[:6, :6]
     error = geometry.se3_log(geometry.inverse(T) @ recording.T_robot_sensor)
     return Draw(error, spread)
 
