@@ -72,9 +72,10 @@ def main(argv=None):
     known = assembly.statuses(sessions, options)
     content = solution.as_json(setup, result, suspected, known, options)
     content["sessions"] |= markers.told(setup, result) if result.solution else {}
+    placed = [n for n, sensor in content["sensors"].items() if sensor["T_robot_sensor"]]
+    views = gain.best_views(setup, result, placed, options["views"])
     for name, sensor in content["sensors"].items():
-        known = setup, result, name, options["views"]
-        sensor["next_view"] = gain.best_view(*known) if sensor["T_robot_sensor"] else None
+        sensor["next_view"] = views.get(name)
     content["repeatability"] = repeatability(setup, result, **most)
     stage.write_json(args.solution, content)
     tables.write(args.residuals, tables.RESIDUALS, solution.residuals(setup, result))

@@ -253,18 +253,7 @@ def mcap(path, rows, serialise=cdr, form=("cdr", "ros2msg", 2), **options):
 
 def ros1(name, message):
     """A message serialised as in ROS 1."""
-    return bytes(STORE1.serialize_ros1(_as_ros1(message), name))
-
-
-def _as_ros1(value):
-    """The same message of ROS 1, in which headers are numbered."""
-    if isinstance(value, list):
-        return [_as_ros1(v) for v in value]
-    if not hasattr(value, "__msgtype__"):
-        return value
-    fields = {k: _as_ros1(v) for k, v in vars(value).items()}
-    numbered = {"seq": 7} if value.__msgtype__ == "std_msgs/msg/Header" else {}
-    return STORE1.types[value.__msgtype__](**fields, **numbered)
+    return bytes(STORE1.serialize_ros1(record.of_ros1(message, STORE1), name))
 
 
 def ros1_mcap(path, rows):
@@ -277,12 +266,7 @@ def rosbag2(folder, rows, plugin, compression=CompressionMode.NONE):
     writer = Rosbag2Writer(folder, version=9, storage_plugin=plugin)
     if compression != CompressionMode.NONE:
         writer.set_compression(compression, CompressionFormat.ZSTD)
-    with writer:
-        topics = {}
-        for log_t, topic, name, message in rows:
-            if topic not in topics:
-                topics[topic] = writer.add_connection(topic, name, typestore=STORE)
-            writer.write(topics[topic], log_t, cdr(name, message))
+    record.record(writer, rows, STORE, cdr)
     return folder
 
 
@@ -292,12 +276,7 @@ def bag(path, rows, compression=None):
     writer.chunk_threshold = 2000
     if compression:
         writer.set_compression(compression)
-    with writer:
-        topics = {}
-        for log_t, topic, name, message in rows:
-            if topic not in topics:
-                topics[topic] = writer.add_connection(topic, name, typestore=STORE1)
-            writer.write(topics[topic], log_t, ros1(name, message))
+    record.record(writer, rows, STORE1, ros1)
     return path
 
 

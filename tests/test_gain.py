@@ -58,7 +58,7 @@ def cases():
 def test_the_view_that_is_named_does_what_was_predicted(cases, case, sensor):
     """σ of the worst direction, with the view recorded and all solved anew, to 15 %."""
     made, result = cases[case]
-    best = gain.best_view(made, result, sensor, SEEN)
+    best = gain.best_views(made, result, [sensor], SEEN)[sensor]
     first = 6 * sorted(made.models).index(sensor)
     own = slice(first, first + 6)
     P = covariance(result.solution.information)
@@ -77,14 +77,14 @@ def test_a_view_takes_nothing_off_an_error_that_all_ranges_have_in_common():
     (beams,) = [h for h in hypotheses.all_of(made) if h.name == "beams"]
     made = replace(made, corrections=(beams,))
     result = considered.widened(made, solved(made))
-    before = gain.Before.of(made, result, "lidar")
-    own = covariance(result.solution.information)[before.own, before.own]
-    assert before.covariance() == pytest.approx(own, rel=1e-6, abs=1e-12)
+    before, lidar = gain.Before.of(made, result), slice(6, 12)
+    own = covariance(result.solution.information)[lidar, lidar]
+    assert before.covariance(lidar) == pytest.approx(own, rel=1e-6, abs=1e-12)
     weights = np.eye(6)[0]  # of x, along which all targets lie
     told = list(gain.told(made, result, "lidar", SEEN))
     ahead = [row for row in told if "azimuth 0°" in row[2] and row[0] == "board"]
     for name, T, _, more in ahead[:3]:
-        predicted = np.sqrt(weights @ before.covariance(more) @ weights)
+        predicted = np.sqrt(weights @ before.covariance(lidar, more) @ weights)
         added = shown(made, "lidar", name, T, 7, world)
         found = sigma(added, considered.widened(added, solved(added)), "lidar", weights)
         assert predicted / found == pytest.approx(1, abs=0.15)
@@ -96,14 +96,14 @@ def test_a_view_takes_nothing_off_an_error_that_all_ranges_have_in_common():
 def test_no_other_proposal_does_more_and_those_of_a_kind_are_told_apart(cases):
     """The prediction ranks: the best and the worst of the proposals, both recorded."""
     made, result = cases["few boards"]
-    before = gain.Before.of(made, result, "camera")
-    weights, _, _ = observability.loosest(before.covariance())
+    before, camera = gain.Before.of(made, result), slice(0, 6)
+    weights, _, _ = observability.loosest(before.covariance(camera))
     told = [
-        (np.sqrt(weights @ before.covariance(more) @ weights), name, T)
+        (np.sqrt(weights @ before.covariance(camera, more) @ weights), name, T)
         for name, T, _, more in gain.told(made, result, "camera", SEEN)
     ]
     told.sort(key=lambda item: item[0])
-    best = gain.best_view(made, result, "camera", SEEN)
+    best = gain.best_views(made, result, ["camera"], SEEN)["camera"]
     assert best["sigma_one"] == pytest.approx(told[0][0])
     for predicted, name, T in (told[0], told[len(told) // 2], told[-1]):
         more = shown(made, "camera", name, T, 6)
@@ -112,7 +112,7 @@ def test_no_other_proposal_does_more_and_those_of_a_kind_are_told_apart(cases):
 
 def test_four_such_views_do_more_than_one_and_less_than_halve_it_again(cases):
     made, result = cases["mixed"]
-    best = gain.best_view(made, result, "camera", SEEN)
+    best = gain.best_views(made, result, ["camera"], SEEN)["camera"]
     assert best["sigma_one"] / 2 < best["sigma_four"] < best["sigma_one"] < best["sigma"]
 
 

@@ -1,9 +1,8 @@
 """A sensor's clock against that of the MCS: t_mcs = stamp + offset."""
 
 import numpy as np
-from scipy import stats
 
-from calib import chain, geometry
+from calib import chain, geometry, scores
 from calib.hypothesis import Hypothesis
 
 CLOCK = "time_offset"  # name of the correction
@@ -24,10 +23,13 @@ def clock(name, sigma):
 
 def by_offset(view):
     """(1, k, n): what a later look at the MCS does to the residuals of a view in motion."""
-    g, state = view.group, view.state
-    T_body_target = chain.T_body_target(view.setup, state, g.placement)
-    there = chain.fit_of(view.setup, state, g.placement)
-    eta = geometry.adjoint(geometry.inverse(T_body_target)) @ there.velocity
+    return _by_motion(view, chain.fit_of(view.setup, view.state, view.group.placement).velocity)
+
+
+def _by_motion(view, velocity):
+    """(1, k, n): residuals per second of a body that moves with a right twist (6,), per s."""
+    T_body_target = chain.T_body_target(view.setup, view.state, view.group.placement)
+    eta = geometry.adjoint(geometry.inverse(T_body_target)) @ velocity
     ahead = view.changed(T_sensor_target=view.T_sensor_target @ geometry.se3_exp(SECOND * eta))
     return (ahead - view.assigned.standard.T)[None] / SECOND
 
@@ -43,15 +45,10 @@ def stream(target):
 
 def by_lag(view):
     """(1, k, n): what a later target does to the residuals of a view in motion."""
-    g, state = view.group, view.state
-    place = view.setup.placements[g.placement]
-    offset, lag = chain.late(view.setup, state.theta, place)
+    place = view.setup.placements[view.group.placement]
+    offset, lag = chain.late(view.setup, view.state.theta, place)
     before, after = (place.moving.at(offset, lag + s).T for s in (-LAG_STEP, LAG_STEP))
-    eta = geometry.se3_log(geometry.inverse(before) @ after) / (2 * LAG_STEP)
-    T_target_body = geometry.inverse(chain.T_body_target(view.setup, state, g.placement))
-    step = geometry.se3_exp(SECOND * geometry.adjoint(T_target_body) @ eta)
-    moved = view.changed(T_sensor_target=view.T_sensor_target @ step)
-    return (moved - view.assigned.standard.T)[None] / SECOND
+    return _by_motion(view, geometry.se3_log(geometry.inverse(before) @ after) / (2 * LAG_STEP))
 
 
 def streams(setup, result):
@@ -79,7 +76,7 @@ def doubts(setup, result):
         if h.name != CLOCK:
             continue
         (late,), (sigma,) = result.state.theta[at], np.sqrt(spread[at]) * setup.theta_sigma[at]
-        gain = float((late / sigma) ** 2 / 2)
+        gain = float(scores.gain(late, sigma))
         out.append(
             {
                 "name": CLOCK,
@@ -91,7 +88,7 @@ def doubts(setup, result):
                 "estimate": [float(late)],
                 "sigma": [float(sigma)],
                 "gain": gain,
-                "chance": float(stats.chi2.sf(2 * gain, 1)),
+                "chance": scores.chance(gain, 1),
                 "explained": {},
                 "shift": {n: {"m": 0.0, "rad": 0.0, "sigmas": 0.0} for n in setup.models},
                 "rivals": [],

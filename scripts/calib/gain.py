@@ -31,23 +31,21 @@ class More:
 @dataclass(frozen=True)
 class Before:
     """What all recordings say: covariance P (n, n) of the unknowns but for the errors that nobody
-    estimates (considered.told), their G (n, q) and σ (q,); own: the slice of a sensor's pose."""
+    estimates (considered.told), their G (n, q) and σ (q,)."""
 
     P: np.ndarray
     G: np.ndarray
     sigma: np.ndarray
-    own: slice
 
     @classmethod
-    def of(cls, setup, result, sensor):
+    def of(cls, setup, result):
         weight = chain.priors(setup, result.state)[1]
         P = covariance(information(result.solution.parts, weight))
-        first = 6 * sorted(setup.models).index(sensor)
-        return cls(P, *considered.told(setup, result), slice(first, first + 6))
+        return cls(P, *considered.told(setup, result))
 
-    def covariance(self, more=None, times=1):
-        """(6, 6) of the sensor's pose, with so many placements like More besides."""
-        rows, G = self.P[self.own], self.G
+    def covariance(self, own, more=None, times=1):
+        """(6, 6) of a sensor's pose, unknowns `own`, with so many placements like More besides."""
+        rows, G = self.P[own], self.G
         if more is not None:
             c, H = more.columns, times * more.H
             # Woodbury, for the rows of the sensor alone.
@@ -56,10 +54,18 @@ class Before:
             G = G.copy()
             G[c] += times * more.G
         follows = rows @ G * self.sigma
-        return rows[:, self.own] + follows @ follows.T
+        return rows[:, own] + follows @ follows.T
 
 
-def best_view(setup, result, sensor, options):
+def best_views(setup, result, sensors, options):
+    """{sensor: what best_view says of it}."""
+    if not sensors:
+        return {}
+    before = Before.of(setup, result)
+    return {n: best_view(setup, result, before, n, options) for n in sensors}
+
+
+def best_view(setup, result, before, sensor, options):
     """{target, T_sensor_target, words, direction, unit, sigma, sigma_one, sigma_four} of the
     proposal that narrows the least certain direction of a sensor's pose the most, or None where
     there is none.
@@ -67,10 +73,11 @@ def best_view(setup, result, sensor, options):
     sigma: of that direction now, m or rad as unit says; sigma_one, sigma_four: with one such
     placement more, and with four. options: min_returns and max_incidence_deg of a view.
     """
-    before, best = Before.of(setup, result, sensor), None
-    weights, sigma, unit = observability.loosest(before.covariance())
+    first, best = 6 * sorted(setup.models).index(sensor), None
+    own = slice(first, first + 6)
+    weights, sigma, unit = observability.loosest(before.covariance(own))
     for name, T, words, more in told(setup, result, sensor, options):
-        spreads = [before.covariance(more, n) for n in (1, MANY)]
+        spreads = [before.covariance(own, more, n) for n in (1, MANY)]
         after = [float(np.sqrt(max(weights @ spread @ weights, 0.0))) for spread in spreads]
         if best is None or after[0] < best["sigma_one"]:
             best = {"target": name, "T_sensor_target": rig.pose_json(T), "words": words}

@@ -70,16 +70,11 @@ def _lags(setup, result, limits):
         wider = replace(setup, corrections=corrections)
         found = estimation.resume(wider, (setup, result), **limits)
         told = clocks.streams(wider, found)
-        sure = [t for t, lag in told.items() if scores.chance(_gain(lag), 1) < SURE]
+        sure = [t for t, lag in told.items() if scores.chance(scores.gain(**lag), 1) < SURE]
         if sure == targets:
             return wider, found
         targets = sure
     return setup, result
-
-
-def _gain(number):
-    """In log likelihood, of {value, sigma}."""
-    return (number["value"] / number["sigma"]) ** 2 / 2
 
 
 def _asked_for(setup, result, wanted, limits):

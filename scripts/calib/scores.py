@@ -166,6 +166,11 @@ def scatter(terms, fit, own):
     return max(1.0, float(np.sum(np.square(list(sums.values()))) / max(expected, 1e-300)))
 
 
+def gain(value, sigma):
+    """In log likelihood, of one number that differs from zero by so many of its σ."""
+    return (value / sigma) ** 2 / 2
+
+
 def chance(gain, size):
     """Of a gain in log likelihood at least so large by `size` numbers that mean nothing."""
     return float(stats.chi2.sf(2 * max(gain, 0.0), size))

@@ -7,6 +7,7 @@ the others are tried beside it: what then has nothing left to say was another na
 import numpy as np
 
 from calib import chain, kinds, noise, normal, scores
+from calib.hypotheses.of_times import MOVED
 from calib.hypothesis import View
 from calib.observability import ARM
 
@@ -16,7 +17,6 @@ LEAST_NOISE = 1e-4  # of the variance that was estimated
 RIVAL = 0.5  # of the best gain: a hypothesis that explains so much might be meant instead
 SIMPLER = 3.0  # log likelihood by which every further number must explain more to be preferred
 MCS = "mocap"
-MOVED = ("slipped", "bumped")  # names of hypotheses that need more than one state of things
 
 
 def suspicions(setup, result, found):

@@ -176,12 +176,7 @@ def _rosbag2(folder, rows, plugin, compression=None):
     writer = Rosbag2Writer(folder / "bag", version=9, storage_plugin=plugin)
     if compression:
         writer.set_compression(compression, CompressionFormat.ZSTD)
-    with writer:
-        topics = {}
-        for log_t, topic, name, message in rows:
-            if topic not in topics:
-                topics[topic] = writer.add_connection(topic, name, typestore=STORE)
-            writer.write(topics[topic], log_t, bytes(STORE.serialize_cdr(message, name)))
+    record.record(writer, rows, STORE, lambda name, m: bytes(STORE.serialize_cdr(m, name)))
     (path,) = (p for p in (folder / "bag").iterdir() if p.name != "metadata.yaml")
     return path
 
@@ -191,29 +186,13 @@ def _bag(path, rows, compression=None):
     writer.chunk_threshold = CHUNK_BYTES
     if compression:
         writer.set_compression(compression)
-    with writer:
-        topics = {}
-        for log_t, topic, name, message in rows:
-            if name not in STORE1.types:
-                continue
-            if topic not in topics:
-                topics[topic] = writer.add_connection(topic, name, typestore=STORE1)
-            data = STORE1.serialize_ros1(_of_ros1(message), name)
-            writer.write(topics[topic], log_t, bytes(data))
+    known = [row for row in rows if row[2] in STORE1.types]
+    record.record(writer, known, STORE1, _ros1)
     return path
 
 
-def _of_ros1(value):
-    """The same message of ROS 1, in which headers are numbered and names begin with a capital."""
-    if isinstance(value, list):
-        return [_of_ros1(v) for v in value]
-    if not hasattr(value, "__msgtype__"):
-        return value
-    fields = {k: _of_ros1(v) for k, v in vars(value).items()}
-    numbered = {"seq": 7} if value.__msgtype__ == "std_msgs/msg/Header" else {}
-    if value.__msgtype__ == record.INFO:
-        fields = {k.upper() if k in "dkrp" else k: v for k, v in fields.items()}
-    return STORE1.types[value.__msgtype__](**fields, **numbered)
+def _ros1(name, message):
+    return bytes(STORE1.serialize_ros1(record.of_ros1(message, STORE1), name))
 
 
 Format = BagWriter.CompressionFormat

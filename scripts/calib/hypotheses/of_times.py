@@ -6,6 +6,7 @@ from calib import geometry
 from calib.hypotheses.words import shift
 from calib.hypothesis import Hypothesis
 
+SLIPPED, BUMPED = MOVED = "slipped", "bumped"
 LEAST = 6  # placements in a session, below which nobody asks whether something moved between them
 CUTS = (0.25, 0.5, 0.75)  # of the placements, after which it may have
 
@@ -18,7 +19,7 @@ def slips(setup):
         if name in exact:
             remedy = f"see whether {name} or its markers were knocked then"
             yield from _since(
-                "slipped", name, False, session, starts, _of_target, "in its MCS body", remedy
+                SLIPPED, name, False, session, starts, _of_target, "in its MCS body", remedy
             )
 
 
@@ -26,7 +27,7 @@ def bumps(setup):
     """A sensor that sits elsewhere on the robot from some placement on."""
     for (session, name), starts in sorted(_rests(setup, lambda g, p: g.sensor).items()):
         remedy = f"see whether {name} was bumped then"
-        yield from _since("bumped", name, True, session, starts, _of_sensor, "on the robot", remedy)
+        yield from _since(BUMPED, name, True, session, starts, _of_sensor, "on the robot", remedy)
 
 
 def _rests(setup, of):

@@ -178,6 +178,30 @@ def camera_info(camera):
     )
 
 
+def of_ros1(value, store):
+    """The same message, or what it holds, of ROS 1, whose types a store has: headers are numbered
+    and the fields of CameraInfo begin with a capital."""
+    if isinstance(value, list):
+        return [of_ros1(v, store) for v in value]
+    if not hasattr(value, "__msgtype__"):
+        return value
+    fields = {k: of_ros1(v, store) for k, v in vars(value).items()}
+    numbered = {"seq": 7} if value.__msgtype__ == "std_msgs/msg/Header" else {}
+    if value.__msgtype__ == INFO:
+        fields = {k.upper() if k in "dkrp" else k: v for k, v in fields.items()}
+    return store.types[value.__msgtype__](**fields, **numbered)
+
+
+def record(writer, messages, store, serialise):
+    """Write messages (log time in ns, topic, type, message) by a writer of rosbags."""
+    with writer:
+        topics = {}
+        for log_t, topic, name, message in messages:
+            if topic not in topics:
+                topics[topic] = writer.add_connection(topic, name, typestore=store)
+            writer.write(topics[topic], log_t, serialise(name, message))
+
+
 def write(path, messages):
     """Write an MCAP of messages (log time in ns, topic, type, message), sorted by log time."""
     with open(path, "wb") as stream:
