@@ -16,22 +16,18 @@ from pathlib import Path
 
 import yaml
 
-from calib.benchmark import (
-    chart,
-    collect,
-    cost,
-    fuzz,
-    fuzz_page,
-    ingest,
-    lab,
-    lab_page,
-    many,
-    measure,
-    page,
-    plan,
-    rows,
-    statistics,
+from benchmarking.accuracy import (
+    accuracy_cases,
+    collect_results,
+    draw_statistics,
+    error_metrics,
+    parallel_draws,
+    simulation_plan,
 )
+from benchmarking.decode_cost import decode_cost, process_cost
+from benchmarking.fuzzing import fuzzing_page, run_cases
+from benchmarking.lab_faults import lab_faults, lab_faults_page
+from benchmarking.page import benchmark_page, error_chart
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -74,12 +70,14 @@ def write_config(run, logs, cases):
     """The config of the cases of one working directory; logs: the folder of the simulated ones."""
     sessions, files = {}, {}
     for case in cases:
-        log = logs / plan.log_name(*case.log)
-        sessions[case.name] = plan.session(case, str(collect.log_file(log)))
-        files[f"rigs/{case.name}.yaml"] = plan.rig(case, collect.simulated(log, "rigs/*"))
-        body = collect.simulated(log, f"targets/{case.row.target}")
-        files[f"targets/{case.target}.yaml"] = plan.target(case, body)
-    settings = {"sessions": sessions, "crop": plan.crop(plan.home(cases[0]))}
+        log = logs / simulation_plan.log_name(*case.log)
+        sessions[case.name] = simulation_plan.session(case, str(collect_results.log_file(log)))
+        files[f"rigs/{case.name}.yaml"] = simulation_plan.rig(
+            case, collect_results.simulated(log, "rigs/*")
+        )
+        body = collect_results.simulated(log, f"targets/{case.row.target}")
+        files[f"targets/{case.target}.yaml"] = simulation_plan.target(case, body)
+    settings = {"sessions": sessions, "crop": simulation_plan.crop(simulation_plan.home(cases[0]))}
     write_files(run, {"config.yaml": settings, **files})
 
 
@@ -93,44 +91,46 @@ def write_files(run, files):
 
 def speed(logs, run, cases, cores):
     """The Speed of the log made for it, in its own working directory; run, cases: of the others."""
-    folder, results = logs / plan.SPEED, logs / plan.SPEED / "results"
-    rig = folder / "config" / "rigs" / f"{plan.SPEED_RIG}.yaml"
-    rig.write_text(yaml.safe_dump(plan.speed_rig(yaml.safe_load(rig.read_text()))))
+    folder, results = logs / simulation_plan.SPEED, logs / simulation_plan.SPEED / "results"
+    rig = folder / "config" / "rigs" / f"{simulation_plan.SPEED_RIG}.yaml"
+    rig.write_text(yaml.safe_dump(simulation_plan.speed_rig(yaml.safe_load(rig.read_text()))))
     settings = folder / "config" / "config.yaml"
     sessions = yaml.safe_load(settings.read_text())["sessions"]
     settings.write_text(yaml.safe_dump({"sessions": sessions}))
     shutil.rmtree(results, ignore_errors=True)
     # Made twice: the second time there is nothing to do but to find that out.
-    wanted = f"results/{plan.SPEED_RIG}/solution.json"
+    wanted = f"results/{simulation_plan.SPEED_RIG}/solution.json"
     walls = [snakemake(folder, [wanted], cores)[1] for _ in range(2)]
     files = sorted((folder / "logs").glob("*.mcap"))
     solution = json.loads((folder / wanted).read_text())
-    return cost.Speed(
-        about=plan.about(solution, sum(path.stat().st_size for path in files)),
-        costs=cost.costs(collect.read_logs(results)),
+    return process_cost.Speed(
+        about=simulation_plan.about(solution, sum(path.stat().st_size for path in files)),
+        costs=process_cost.costs(collect_results.read_logs(results)),
         wall=walls[0] - walls[1],
-        raw=sum(cost.raw_read(path) for path in files),
-        memory=[collect.decode_of(logs, run, case) for case in cases],
+        raw=sum(process_cost.raw_read(path) for path in files),
+        memory=[collect_results.decode_of(logs, run, case) for case in cases],
     )
 
 
 def full_runs(logs, run, count, cores):
     """{sensor: Statistics} of so many small logs through the whole pipeline."""
-    names, sessions, files = plan.full_names(count), {}, {}
+    names, sessions, files = simulation_plan.full_names(count), {}, {}
     for name in names:
-        sessions[name] = {"rig": name, "log": str(collect.log_file(logs / name))}
-        files[f"rigs/{name}.yaml"] = plan.untold(collect.simulated(logs / name, "rigs/*"))
-    files["targets/board.yaml"] = collect.simulated(logs / names[0], "targets/*")
+        sessions[name] = {"rig": name, "log": str(collect_results.log_file(logs / name))}
+        files[f"rigs/{name}.yaml"] = simulation_plan.untold(
+            collect_results.simulated(logs / name, "rigs/*")
+        )
+    files["targets/board.yaml"] = collect_results.simulated(logs / names[0], "targets/*")
     write_files(run, {"config.yaml": {"sessions": sessions}, **files})
     snakemake(run, [f"results/{name}/calibration.json" for name in names], cores)
-    found = collect.full_runs(run, logs, names)
-    return {sensor: statistics.of_runs(draws) for sensor, draws in found.items()}
+    found = collect_results.full_runs(run, logs, names)
+    return {sensor: draw_statistics.of_runs(draws) for sensor, draws in found.items()}
 
 
 def lab_runs(work, quick, args):
     """{(fault, on): [lab.Outcome]} of logs with what labs get wrong, options on and off."""
-    faults, seeds = (lab.QUICK, (1,)) if quick else (tuple(lab.FAULTS), (1, 2, 3))
-    commands = lab.simulations(faults, seeds)
+    faults, seeds = (lab_faults.QUICK, (1,)) if quick else (tuple(lab_faults.FAULTS), (1, 2, 3))
+    commands = lab_faults.simulations(faults, seeds)
     tasks = [(fault, on, seed) for fault in faults for on in (True, False) for seed in seeds]
     with ThreadPoolExecutor(args.cores) as pool:
         folders = [work / name for name in commands]
@@ -144,51 +144,51 @@ def lab_runs(work, quick, args):
 
 def lab_run(work, fault, on, seed):
     """The lab.Outcome of one log."""
-    log = work / lab.folder(fault, seed)
+    log = work / lab_faults.folder(fault, seed)
     run = work / ("on" if on else "off") / log.name
     shutil.copytree(log / "config", run / "config", dirs_exist_ok=True)
-    session = {"rig": "sim", "log": str(collect.log_file(log))}
-    settings = {"sessions": {"sim": session}, "solve": {"estimate": lab.estimate(fault, on)}}
-    rig = lab.stated(fault, collect.simulated(log, "rigs/*"))
+    session = {"rig": "sim", "log": str(collect_results.log_file(log))}
+    settings = {"sessions": {"sim": session}, "solve": {"estimate": lab_faults.estimate(fault, on)}}
+    rig = lab_faults.stated(fault, collect_results.simulated(log, "rigs/*"))
     write_files(run, {"config.yaml": settings, "rigs/sim.yaml": rig})
     snakemake(run, ["results/sim/verdict.json"], 1)
-    return lab.outcome(run / "results" / "sim", log)
+    return lab_faults.outcome(run / "results" / "sim", log)
 
 
 def measured(work, cases, placements, draws, args):
     """(Lines, cost.Speed, (draws, coverage, full runs)) of the cases, below the folder work."""
     logs, run, runs = work / "logs", work / "run", max(1, draws // 5)
-    commands = plan.simulations(cases, placements, runs)
+    commands = simulation_plan.simulations(cases, placements, runs)
     with ThreadPoolExecutor(args.cores) as pool:
         folders = [logs / name for name in commands]
         list(pool.map(simulate, folders, commands.values(), [args.keep_logs] * len(folders)))
-    for home in sorted({plan.home(case) for case in cases}):
-        mine = [case for case in cases if plan.home(case) == home]
+    for home in sorted({simulation_plan.home(case) for case in cases}):
+        mine = [case for case in cases if simulation_plan.home(case) == home]
         write_config(run / home, logs, mine)
-        snakemake(run / home, plan.jobs(mine), args.cores)
-    lines = measure.lines(collect.outcomes(run, logs, cases))
+        snakemake(run / home, simulation_plan.jobs(mine), args.cores)
+    lines = error_metrics.lines(collect_results.outcomes(run, logs, cases))
     speeds = speed(logs, run, cases, args.cores)
-    pending = many.tasks(run, logs, collect.load(run)[0], cases, draws)
-    drawn, covered = many.everything(pending, 10 * draws, args.cores)
+    pending = parallel_draws.tasks(run, logs, collect_results.load(run)[0], cases, draws)
+    drawn, covered = parallel_draws.everything(pending, 10 * draws, args.cores)
     return lines, speeds, (drawn, covered, full_runs(logs, run / "full", runs, args.cores))
 
 
 def main(argv=None):
     args = parse(argv)
     draws = args.draws or (4 if args.quick else 100)
-    sizes = rows.cases(args.quick), 5 if args.quick else 30, draws
+    sizes = accuracy_cases.cases(args.quick), 5 if args.quick else 30, draws
     lines, speeds, found = measured(args.work.resolve(), *sizes, args)
     sections = [
-        lab_page.section(lab_runs(args.work.resolve() / "lab", args.quick, args)),
-        ingest.section(ingest.measured(args.work.resolve() / "ingest", args.quick)),
-        fuzz_page.section(fuzz.everything(500 if args.quick else 10_000, 1, args.cores)),
+        lab_faults_page.section(lab_runs(args.work.resolve() / "lab", args.quick, args)),
+        decode_cost.section(decode_cost.measured(args.work.resolve() / "ingest", args.quick)),
+        fuzzing_page.section(run_cases.everything(500 if args.quick else 10_000, 1, args.cores)),
     ]
-    text = page.whole(lines, speeds, found, sections, args.quick)
+    text = benchmark_page.whole(lines, speeds, found, sections, args.quick)
     print(text)
     if not args.quick:
         args.docs.mkdir(parents=True, exist_ok=True)
         (args.docs / "benchmark.md").write_text(text)
-        (args.docs / "benchmark.svg").write_bytes(chart.svg(lines, found[0]))
+        (args.docs / "benchmark.svg").write_bytes(error_chart.svg(lines, found[0]))
 
 
 if __name__ == "__main__":

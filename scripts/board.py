@@ -10,8 +10,9 @@ import argparse
 import sys
 from pathlib import Path
 
-from calib import config, sheet, targets, yamls
-from calib.status import InputError
+from calib.io import config, safe_yaml
+from calib.io.status import InputError
+from calib.targets import board_pdf, target_shapes
 
 
 def parse(argv):
@@ -21,18 +22,18 @@ def parse(argv):
     add = parser.add_argument
     add("target", type=Path, metavar="TARGET.yaml")
     add("out", type=Path, metavar="OUT.pdf")
-    add("--page", choices=[*sheet.PAGES, "custom"], default="custom")
+    add("--page", choices=[*board_pdf.PAGES, "custom"], default="custom")
     add("--turn-deg", type=float, default=0.0, help="turns the board on the page, to the left")
     return parser.parse_args(argv)
 
 
 def draw(path, out, page, turn_deg):
     """Write the sheet of a target's config; its size (2,), mm."""
-    block = config.complete("target", yamls.load(path), path)
+    block = config.complete("target", safe_yaml.load(path), path)
     if block["shape"] != "board":
         raise InputError(f"{path}: shape {block['shape']}; only a board can be printed")
-    laid_out = sheet.lay_out(targets.from_config(block), path.stem, page, turn_deg)
-    sheet.write(out, laid_out)
+    laid_out = board_pdf.lay_out(target_shapes.from_config(block), path.stem, page, turn_deg)
+    board_pdf.write(out, laid_out)
     return laid_out.size
 
 

@@ -9,8 +9,10 @@ Writes  mocap.parquet   every pose of every body as recorded, with a fault where
 Decides nothing about quality: a missing topic or body becomes a status, and the rest goes on.
 """
 
-from calib import bodies, intake, logs, stage, tables
-from calib.stage import logger
+from calib.decoding import body_tracks, decoded_log, sensor_audit
+from calib.io import parquet_tables, stage_cli, table_schemas
+from calib.io.logs import open_log
+from calib.io.stage_cli import logger
 
 
 def audit(options, log, recording, clocks, tables_of):
@@ -19,15 +21,17 @@ def audit(options, log, recording, clocks, tables_of):
     poses, frames, words = tables_of
     mocap = options["mocap"]
     sensors = {
-        name: intake.sensor_audit(name, recording, log.topics, frames, clocks)
+        name: sensor_audit.sensor_audit(name, recording, log.topics, frames, clocks)
         for name in sorted(options["sensors"])
     }
     return {
         "fingerprint": options["fingerprint"],
-        "faults": [*log.faults, *intake.unread(recording)],
+        "faults": [*log.faults, *sensor_audit.unread(recording)],
         "topics": {k: {"type": t, "messages": n} for k, (t, n) in sorted(log.topics.items())},
         "mocap": {t: clocks[t].to_dict() | {"found": found} for t, found in sorted(words.items())},
-        "bodies": {n: bodies.audit(poses, n, recording, log, mocap) for n in options["bodies"]},
+        "bodies": {
+            n: body_tracks.audit(poses, n, recording, log, mocap) for n in options["bodies"]
+        },
         "sensors": sensors,
         "static": [
             {"parent": parent, "child": child, "T": T}
@@ -37,19 +41,21 @@ def audit(options, log, recording, clocks, tables_of):
 
 
 def main(argv=None):
-    args = stage.parser(
+    args = stage_cli.parser(
         __doc__, mocap="output", frames="output", audit="output", options="slice of the config"
     ).parse_args(argv)
     options = args.options
-    log = logs.open_log(options["log"])
-    recording = intake.read(log, options)
-    clocks = intake.clocks(recording)
-    poses, words = bodies.columns(recording, clocks, options["mocap"])
-    frames = intake.frame_columns(recording.frames, clocks)
+    log = open_log.open_log(options["log"])
+    recording = decoded_log.read(log, options)
+    clocks = decoded_log.clocks(recording)
+    poses, words = body_tracks.columns(recording, clocks, options["mocap"])
+    frames = decoded_log.frame_columns(recording.frames, clocks)
     found = audit(options, log, recording, clocks, (poses, frames, words))
-    tables.write(args.mocap, tables.MOCAP, poses, notes={"topics": recording.streams.topics()})
-    tables.write(args.frames, tables.FRAMES, frames)
-    stage.write_json(args.audit, found)
+    parquet_tables.write(
+        args.mocap, table_schemas.MOCAP, poses, notes={"topics": recording.streams.topics()}
+    )
+    parquet_tables.write(args.frames, table_schemas.FRAMES, frames)
+    stage_cli.write_json(args.audit, found)
     logger.info("%d poses, %d frames", len(poses["t"]), len(frames["t"]))
     for fault in found["faults"]:
         logger.warning("%s", fault)
@@ -62,4 +68,4 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-    stage.run(main)
+    stage_cli.run(main)

@@ -13,11 +13,13 @@ import shutil
 
 import numpy as np
 
-from calib import files, formats, history, lenses, mounting, stage, tables, urdf
-from calib.formats import index
-from calib.formats.scene import scene, session
-from calib.stage import logger
-from calib.status import InputError, Status
+from calib.export import accepted_calibrations, export_readme, urdf_sensor_joints
+from calib.export.calibrated_scene import scene, session
+from calib.export.formats import format_registry
+from calib.io import atomic_files, parquet_tables, stage_cli, table_schemas, urdf_file
+from calib.io.stage_cli import logger
+from calib.io.status import InputError, Status
+from calib.sensors import lens_from_log
 
 
 def read_sessions(args, calibration):
@@ -26,8 +28,8 @@ def read_sessions(args, calibration):
     views, out = iter(args.views), {}
     used = sorted(args.options["sessions"].items())
     for (name, sensors), frames, table in zip(used, args.frames, args.placements, strict=True):
-        columns, _, _ = tables.read(frames, tables.FRAMES, ("log_t",))
-        placements, _, _ = tables.read(table, tables.PLACEMENTS)
+        columns, _, _ = parquet_tables.read(frames, table_schemas.FRAMES, ("log_t",))
+        placements, _, _ = parquet_tables.read(table, table_schemas.PLACEMENTS)
         paths = {s: next(views) for s in sorted(sensors)}
         if len(columns["log_t"]):
             start = int(np.min(columns["log_t"]))
@@ -38,8 +40,8 @@ def read_sessions(args, calibration):
 def with_lenses(args):
     """The options, with the lens of every camera whose parameters the config leaves to the log."""
     names = [n for _, used in sorted(args.options["sessions"].items()) for n in sorted(used)]
-    guesses = zip(names, map(stage.read_json, args.guesses), strict=True)
-    return args.options | {"sensors": lenses.told(args.options["sensors"], guesses)}
+    guesses = zip(names, map(stage_cli.read_json, args.guesses), strict=True)
+    return args.options | {"sensors": lens_from_log.told(args.options["sensors"], guesses)}
 
 
 def patch(path, described):
@@ -51,17 +53,17 @@ def patch(path, described):
     """
     path = path.resolve()
     data = path.read_bytes()
-    joints = urdf.read(data, path)
-    placed, unplaced = mounting.poses(joints, described)
+    joints = urdf_file.read(data, path)
+    placed, unplaced = urdf_sensor_joints.poses(joints, described)
     if unplaced and not placed:
         reasons = "; ".join(f"{n}: {status}" for n, status in sorted(unplaced.items()))
         raise InputError(f"{path.name}: no sensor can be placed in it: {reasons}")
-    changed = urdf.patched(data, joints, placed)
-    for joint in urdf.read(changed, path):
+    changed = urdf_file.patched(data, joints, placed)
+    for joint in urdf_file.read(changed, path):
         if joint.child in placed and np.abs(joint.T - placed[joint.child]).max() > 1e-12:
             raise InputError(f"{path}: joint {joint.name} cannot be written; the file is untouched")
     if changed != data:
-        backup = urdf.backup_of(path)
+        backup = urdf_file.backup_of(path)
         if not backup.exists():
             replace(backup, data, path)
         replace(path, changed, path)
@@ -70,7 +72,7 @@ def patch(path, described):
 
 def replace(path, data, like):
     """Write a file in one step, with the permissions of another, and through to the disk."""
-    with files.whole(path) as part:
+    with atomic_files.whole(path) as part:
         with part.open("wb") as new:
             new.write(data)
             new.flush()
@@ -81,7 +83,7 @@ def replace(path, data, like):
 def write(folder, described):
     """Write the files of all formats; returns {format: {file name: Status}}."""
     out = {}
-    for name, module in formats.FORMATS.items():
+    for name, module in format_registry.FORMATS.items():
         out[name] = {}
         for file, content in sorted(module.render(described).items()):
             out[name][file] = content if isinstance(content, Status) else Status()
@@ -97,7 +99,7 @@ def write(folder, described):
 
 
 def main(argv=None):
-    args = stage.parser(
+    args = stage_cli.parser(
         __doc__,
         calibration="input",
         verdict="input",
@@ -110,8 +112,8 @@ def main(argv=None):
         history="folder of the calibrations that were accepted",
         options="slice of the config",
     ).parse_args(argv)
-    files.remove_folder(args.output)
-    calibration, judged = stage.read_json(args.calibration), stage.read_json(args.verdict)
+    atomic_files.remove_folder(args.output)
+    calibration, judged = stage_cli.read_json(args.calibration), stage_cli.read_json(args.verdict)
     if judged["verdict"] == "fail":
         raise InputError(
             f"{calibration['rig']} is not exported, its calibration failed:\n  "
@@ -123,12 +125,14 @@ def main(argv=None):
         logger.info("%s: placed %s", path, ", ".join(sorted(placed)) or "no joint")
         for name, status in sorted(unplaced.items()):
             logger.warning("%s: %s is not placed: %s", path, name, status)
-    with files.whole_folder(args.output) as folder:
+    with atomic_files.whole_folder(args.output) as folder:
         written = write(folder, described)
-        (folder / index.FILE).write_text(index.render(described, written, judged, mounted))
-        accepted = history.accept(args.history, calibration)
+        (folder / export_readme.FILE).write_text(
+            export_readme.render(described, written, judged, mounted)
+        )
+        accepted = accepted_calibrations.accept(args.history, calibration)
     logger.info("accepted as %s", accepted)
 
 
 if __name__ == "__main__":
-    stage.run(main)
+    stage_cli.run(main)

@@ -12,23 +12,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib import cropping, extraction, placements, rig, stage, tables, targets, tracking
-from calib.extraction import job
-from calib.mocap import NS
-from calib.stage import logger
-from calib.status import OK, failed
+from calib.estimation import measurement_groups, moving_view_poses
+from calib.extraction import extraction_inputs, extractor_registry
+from calib.io import parquet_tables, stage_cli, table_schemas
+from calib.io.stage_cli import logger
+from calib.io.status import OK, failed
+from calib.mocap import body_trajectory
+from calib.mocap.body_trajectory import NS
+from calib.sensors import sensor_models
+from calib.targets import target_shapes
+from calib.views import frame_selection
 
-SCHEMAS = {"camera": tables.VIEWS_CAMERA, "lidar": tables.VIEWS_LIDAR}
+SCHEMAS = {"camera": table_schemas.VIEWS_CAMERA, "lidar": table_schemas.VIEWS_LIDAR}
 
 
 def job_of(options, model, table, guess):
     """What extraction needs to know of this sensor and session."""
-    sigma, mounts = np.array(guess["sigma"]), cropping.mounts(options["targets"], guess)
-    return job.Job(
+    sigma, mounts = np.array(guess["sigma"]), frame_selection.mounts(options["targets"], guess)
+    return extraction_inputs.Job(
         name=options["name"],
         model=model,
-        targets={n: targets.from_config(c) for n, c in options["targets"].items()},
-        places=placements.still(table, "", options["targets"], options["mocap"], mounts),
+        targets={n: target_shapes.from_config(c) for n, c in options["targets"].items()},
+        places=measurement_groups.still(table, "", options["targets"], options["mocap"], mounts),
         T_robot_sensor=np.array(guess["T_robot_sensor"]["matrix"]),
         sigma=sigma,
         margin=options["crop"]["margin_sigma"] * sigma,
@@ -42,17 +47,17 @@ def in_motion(known, views, T_robot_sensor, options, poses, guess):
     """Keypoints and outcomes of the views of targets in motion; poses: columns of mocap.parquet."""
     blocks, late = options["targets"], round(guess["time_offset_s"]["value"] * NS)
     bodies = {n: c["body"] for n, c in blocks.items()}
-    paths = tracking.trajectories(poses, options["body"], bodies, options["max_gap_s"])
-    mounts, places = cropping.mounts(blocks, guess), {}
+    paths = body_trajectory.trajectories(poses, options["body"], bodies, options["max_gap_s"])
+    mounts, places = frame_selection.mounts(blocks, guess), {}
     for i in np.flatnonzero(views["kept"]):
         target = str(views["target"][i])
         t = int(views["t"][i]) + late
         if "dt" in views:
             t += int(np.median(views["dt"][i]))
         given = known.name, t, paths[target], mounts[target], options["mocap"]
-        places[int(views["placement"][i])] = tracking.placement("", target, *given)
+        places[int(views["placement"][i])] = moving_view_poses.placement("", target, *given)
     there = replace(known, places={k: p for k, p in places.items() if p is not None})
-    return extraction.at(options["sensor"]["kind"], there, views, T_robot_sensor)
+    return extractor_registry.at(options["sensor"]["kind"], there, views, T_robot_sensor)
 
 
 def summary(name, outcomes, keypoints):
@@ -72,7 +77,7 @@ def summary(name, outcomes, keypoints):
 
 
 def main(argv=None):
-    args = stage.parser(
+    args = stage_cli.parser(
         __doc__,
         views="input",
         motion="input",
@@ -83,30 +88,35 @@ def main(argv=None):
         tracked="output",
         options="slice of the config",
     ).parse_args(argv)
-    stage.limit_threads()
+    stage_cli.limit_threads()
     options = args.options
     kind = options["sensor"]["kind"]
-    views, status, _ = tables.read(args.views, SCHEMAS[kind])
-    guess = stage.read_json(args.guess)
-    keypoints, outcomes, T = tables.empty(tables.KEYPOINTS), [], None
-    tracked, followed = tables.empty(tables.KEYPOINTS), []
+    views, status, _ = parquet_tables.read(args.views, SCHEMAS[kind])
+    guess = stage_cli.read_json(args.guess)
+    keypoints, outcomes, T = parquet_tables.empty(table_schemas.KEYPOINTS), [], None
+    tracked, followed = parquet_tables.empty(table_schemas.KEYPOINTS), []
     if status.ok:
-        table, _, _ = tables.read(args.placements, tables.PLACEMENTS)
-        known = job_of(options, rig.model(rig.heard(options["sensor"], guess)), table, guess)
-        keypoints, outcomes, T = extraction.SENSORS[kind](known, views)
+        table, _, _ = parquet_tables.read(args.placements, table_schemas.PLACEMENTS)
+        known = job_of(
+            options,
+            sensor_models.model(sensor_models.heard(options["sensor"], guess)),
+            table,
+            guess,
+        )
+        keypoints, outcomes, T = extractor_registry.SENSORS[kind](known, views)
         status = summary(options["name"], outcomes, keypoints)
     if status.ok:
-        moving, _, _ = tables.read(args.motion, SCHEMAS[kind])
-        poses, _, _ = tables.read(args.mocap, tables.MOCAP)
+        moving, _, _ = parquet_tables.read(args.motion, SCHEMAS[kind])
+        poses, _, _ = parquet_tables.read(args.mocap, table_schemas.MOCAP)
         tracked, followed = in_motion(known, moving, T, options, poses, guess)
     notes = {
         "outcomes": [{"view": v, "status": s.to_dict()} for v, s in outcomes],
         "T_robot_sensor": None if T is None else T.tolist(),
         "guess": guess,
     }
-    tables.write(args.output, tables.KEYPOINTS, keypoints, status, notes)
+    parquet_tables.write(args.output, table_schemas.KEYPOINTS, keypoints, status, notes)
     told = [{"view": v, "status": s.to_dict()} for v, s in followed]
-    tables.write(args.tracked, tables.KEYPOINTS, tracked, status, {"outcomes": told})
+    parquet_tables.write(args.tracked, table_schemas.KEYPOINTS, tracked, status, {"outcomes": told})
     for view, outcome in outcomes:
         if not outcome.ok:
             logger.info("view %d: %s", view, outcome)
@@ -117,4 +127,4 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-    stage.run(main)
+    stage_cli.run(main)

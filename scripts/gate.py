@@ -8,33 +8,35 @@ Decides by linear and angular speed over a window, from the MCS alone.
 
 import numpy as np
 
-from calib import geometry, mocap, rig, stage, tables
-from calib.stage import logger
-from calib.status import OK, Status, failed
+from calib.geometry import se3
+from calib.io import parquet_tables, pose_block, stage_cli, table_schemas
+from calib.io.stage_cli import logger
+from calib.io.status import OK, Status, failed
+from calib.mocap import body_trajectory, stillness
 
 
 def averaged(relative, span, sigma):
     """Mean pose of a span (start, end), ns, and how far it can be trusted, as columns."""
     rows = (relative.t >= span[0]) & (relative.t <= span[1])
-    mean, xi = geometry.mean(relative.T[rows])
+    mean, xi = se3.mean(relative.T[rows])
     prior = white_covariance(mean, sigma)
     scatter = max(1.0, np.sqrt(np.mean(np.sum(xi * np.linalg.solve(prior, xi.T).T, 1)) / 6))
-    independent = mocap.effective_samples(xi)
+    independent = stillness.effective_samples(xi)
     factor = scatter / np.sqrt(independent)
     return {
         "xyz": mean[:3, 3],
-        "quat": geometry.to_quat(mean),
+        "quat": se3.to_quat(mean),
         "samples": int(rows.sum()),
         "effective_samples": independent,
         "pose_factor": factor,
         "covariance": (factor**2 * prior).reshape(-1),
-        "creep": mocap.creep(relative.t[rows], xi),
+        "creep": stillness.creep(relative.t[rows], xi),
     }
 
 
 def white_covariance(T_robot_body, sigma):
     """(6, 6) of one T_robot_body when both bodies' poses err by sigma (6,)."""
-    A = geometry.adjoint(geometry.inverse(T_robot_body))
+    A = se3.adjoint(se3.inverse(T_robot_body))
     return np.diag(sigma**2) + A @ np.diag(sigma**2) @ A.T
 
 
@@ -43,7 +45,7 @@ def at_middle(relative, span):
     T = relative.T[np.abs(relative.t - (span[0] + (span[1] - span[0]) // 2)).argmin()]
     return {
         "xyz": T[:3, 3],
-        "quat": geometry.to_quat(T),
+        "quat": se3.to_quat(T),
         "samples": 1,
         "effective_samples": 1.0,
         "pose_factor": 1.0,
@@ -62,7 +64,7 @@ def between(spans, t):
 
 def rows_of(target, relative, options, sigma):
     """Rows of one target, in order of time."""
-    still = mocap.still_intervals(
+    still = stillness.still_intervals(
         relative,
         options["window_s"],
         options["max_linear_mps"],
@@ -78,18 +80,18 @@ def rows_of(target, relative, options, sigma):
 
 
 def main(argv=None):
-    args = stage.parser(
+    args = stage_cli.parser(
         __doc__, mocap="input", audit="input", output="output", options="slice of the config"
     ).parse_args(argv)
     options = args.options
-    columns, _, _ = tables.read(args.mocap, tables.MOCAP)
-    audit = stage.read_json(args.audit)["bodies"]
-    sigma = rig.pose_sigma(options["mocap"]["pose_sigma"])
+    columns, _, _ = parquet_tables.read(args.mocap, table_schemas.MOCAP)
+    audit = stage_cli.read_json(args.audit)["bodies"]
+    sigma = pose_block.pose_sigma(options["mocap"]["pose_sigma"])
     gap = options["mocap"]["max_gap_s"]
-    robot = mocap.trajectory(columns, options["body"], gap)
+    robot = body_trajectory.trajectory(columns, options["body"], gap)
     rows, notes = [], {}
     for target, body in sorted(options["targets"].items()):
-        relative = mocap.relative(robot, mocap.trajectory(columns, body, gap))
+        relative = body_trajectory.relative(robot, body_trajectory.trajectory(columns, body, gap))
         found = rows_of(target, relative, options["gate"], sigma)
         still = [r for r in found if r["kind"] == "still"]
         rows += found
@@ -98,9 +100,9 @@ def main(argv=None):
     status = Status.from_dict(audit[options["body"]]["status"])
     # The number of an interval is its row: the still ones come first, as people count them.
     rows.sort(key=lambda r: r["kind"] != "still")
-    table = {k: [r[k] for r in rows] for k in tables.PLACEMENTS.names if k != "placement"}
+    table = {k: [r[k] for r in rows] for k in table_schemas.PLACEMENTS.names if k != "placement"}
     table["placement"] = np.arange(len(rows))
-    tables.write(args.output, tables.PLACEMENTS, table, status, notes)
+    parquet_tables.write(args.output, table_schemas.PLACEMENTS, table, status, notes)
 
 
 def target_status(audit, robot, body, still):
@@ -120,4 +122,4 @@ def target_status(audit, robot, body, still):
 
 
 if __name__ == "__main__":
-    stage.run(main)
+    stage_cli.run(main)

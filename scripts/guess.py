@@ -15,11 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib import logs, rig, stage
-from calib.found import Found
-from calib.stage import logger
-from calib.stated import stated
-from calib.status import OK, Status
+from calib.initial_guess.pose_guess import Found
+from calib.initial_guess.stated_pose import stated
+from calib.io import pose_block, stage_cli
+from calib.io.logs import open_log
+from calib.io.stage_cli import logger
+from calib.io.status import OK, Status
+from calib.sensors import sensor_models
 
 
 def find(args, options, audit, offset, log):
@@ -38,7 +40,7 @@ def find(args, options, audit, offset, log):
     if not status.ok:
         return "none", Found(status=status), {}
     mounts = find_mounts(recording, options, audit)
-    known = {n: rig.pose(c["T_body_target"]) for n, c in options["targets"].items()}
+    known = {n: pose_block.pose(c["T_body_target"]) for n, c in options["targets"].items()}
     known = {n: T for n, T in known.items() if n not in mounts}
     known |= {n: m.T_body_target for n, m in mounts.items() if m.status.ok}
     if not known:
@@ -68,39 +70,42 @@ def clock(args, options, log):
 def find_lag(args, options, log, told):
     """The lag.Lag that the session tells, or None."""
     # 0.6 s, which only a search should pay.
-    from calib import cropping, mocap, tables
-    from calib.guessing import lag
+    from calib.initial_guess import clock_lag
+    from calib.io import parquet_tables, table_schemas
+    from calib.mocap import body_trajectory
+    from calib.views import sensor_reader
 
-    frames, _, _ = tables.read(args.frames[0], tables.FRAMES)
-    poses, _, _ = tables.read(args.mocap[0], tables.MOCAP)
-    frames = tables.select(frames, frames["sensor"] == options["name"])
-    paths = [mocap.trajectory(poses, b, options["max_gap_s"]) for b in options["bodies"]]
-    read = cropping.reader(log, options["sensor"], frames)
-    return lag.find(options["sensor"]["kind"], frames["t"], read, paths, told)
+    frames, _, _ = parquet_tables.read(args.frames[0], table_schemas.FRAMES)
+    poses, _, _ = parquet_tables.read(args.mocap[0], table_schemas.MOCAP)
+    frames = parquet_tables.select(frames, frames["sensor"] == options["name"])
+    paths = [body_trajectory.trajectory(poses, b, options["max_gap_s"]) for b in options["bodies"]]
+    read = sensor_reader.reader(log, options["sensor"], frames)
+    return clock_lag.find(options["sensor"]["kind"], frames["t"], read, paths, told)
 
 
 def opened(options, audit):
     """The log where it is looked into and has the sensor, else None."""
     if "log" not in options or not audit["sensors"][options["name"]]["status"]["ok"]:
         return None
-    stage.limit_threads()
-    logs.require_same(options["log"], audit["fingerprint"])
-    return logs.open_log(options["log"])
+    stage_cli.limit_threads()
+    open_log.require_same(options["log"], audit["fingerprint"])
+    return open_log.open_log(options["log"])
 
 
 def recorded(args, options, offset, log):
     """(Recording, status): the session, or why nothing can be found in it."""
     # 0.6 s, which only a search should pay.
-    from calib import cropping, tables
-    from calib.guessing.recording import Recording
+    from calib.initial_guess.session_search import Recording
+    from calib.io import parquet_tables, table_schemas
+    from calib.views import frame_selection
 
-    placements, status, notes = tables.read(args.placements[0], tables.PLACEMENTS)
+    placements, status, notes = parquet_tables.read(args.placements[0], table_schemas.PLACEMENTS)
     held = [Status.from_dict(note) for _, note in sorted(notes.items())]
     if not status.ok or not any(s.ok for s in held):
         return None, held[0] if status.ok else status
-    columns, _, _ = tables.read(args.frames[0], tables.FRAMES)
-    columns = cropping.timed(columns, offset["value"])
-    placements = cropping.trimmed(placements, offset["sigma"])
+    columns, _, _ = parquet_tables.read(args.frames[0], table_schemas.FRAMES)
+    columns = frame_selection.timed(columns, offset["value"])
+    placements = frame_selection.trimmed(placements, offset["sigma"])
     return Recording(placements, columns, log, options["targets"], options["guess"]), OK
 
 
@@ -125,7 +130,7 @@ def in_words(status, name):
 def mounts_json(mounts):
     """The mounts that were found, as guess.json states them."""
     return {
-        name: {"T_body_target": rig.pose_json(m.T_body_target), "sigma": m.sigma.tolist()}
+        name: {"T_body_target": pose_block.pose_json(m.T_body_target), "sigma": m.sigma.tolist()}
         for name, m in mounts.items()
         if m.status.ok
     }
@@ -133,13 +138,13 @@ def mounts_json(mounts):
 
 def completed(options, heard):
     """The options with what the log tells of each sensor; heard: the sensors' part of the audit."""
-    cameras = {n: rig.heard(c, heard[n]) for n, c in options.get("cameras", {}).items()}
-    sensor = rig.heard(options["sensor"], heard[options["name"]])
+    cameras = {n: sensor_models.heard(c, heard[n]) for n, c in options.get("cameras", {}).items()}
+    sensor = sensor_models.heard(options["sensor"], heard[options["name"]])
     return options | {"sensor": sensor, "cameras": cameras}
 
 
 def main(argv=None):
-    args = stage.parser(
+    args = stage_cli.parser(
         __doc__,
         audit="input log.json",
         mocap="*input, where the clock's offset is to be found",
@@ -148,19 +153,19 @@ def main(argv=None):
         output="output",
         options="slice of the config",
     ).parse_args(argv)
-    audit = stage.read_json(args.audit)
+    audit = stage_cli.read_json(args.audit)
     options = completed(args.options, audit["sensors"])
     log = opened(options, audit)
     offset = clock(args, options, log)
     source, found, mounts = find(args, options, audit, offset, log)
     T, sigma = found.T_robot_sensor, found.sigma
     if T is None:
-        sigma = rig.pose_sigma(options["guess"]["sigma"])
-    stage.write_json(
+        sigma = pose_block.pose_sigma(options["guess"]["sigma"])
+    stage_cli.write_json(
         args.output,
         {
             "status": found.status.to_dict(),
-            "T_robot_sensor": None if T is None else rig.pose_json(T),
+            "T_robot_sensor": None if T is None else pose_block.pose_json(T),
             "sigma": np.asarray(sigma).tolist(),
             "source": source,
             "basis": found.basis,
@@ -177,4 +182,4 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-    stage.run(main)
+    stage_cli.run(main)

@@ -6,10 +6,11 @@ Writes  index.html, complete in itself but for its links
 Decides nothing; a rig whose jobs stopped is shown with what stopped them.
 """
 
-from calib import files, history, stage
-from calib.report import html, overview
-from calib.stage import logger
-from calib.status import InputError
+from calib.export import accepted_calibrations
+from calib.io import atomic_files, stage_cli
+from calib.io.stage_cli import logger
+from calib.io.status import InputError
+from calib.report.page import html_page, rigs_page
 
 
 def of_rig(home, sessions, stopped):
@@ -18,17 +19,17 @@ def of_rig(home, sessions, stopped):
     paths = home / "calibration.json", home / "verdict.json"
     if not all(path.exists() for path in paths):
         return told | {"stopped": stopped or ["not calibrated yet"]}
-    calibration, verdict = (stage.read_json(path) for path in paths)
+    calibration, verdict = (stage_cli.read_json(path) for path in paths)
     audits = {s: _audit(home / s / "log.json") for s in sessions}
     try:
-        earlier = history.before(home / "history", calibration)
+        earlier = accepted_calibrations.before(home / "history", calibration)
     except InputError as error:
         earlier, told["stopped"] = [], [*stopped, str(error)]
-    return told | {"found": overview.of_rig(calibration, verdict, earlier, audits)}
+    return told | {"found": rigs_page.of_rig(calibration, verdict, earlier, audits)}
 
 
 def _audit(path):
-    return stage.read_json(path) if path.exists() else None
+    return stage_cli.read_json(path) if path.exists() else None
 
 
 def links(home):
@@ -39,7 +40,7 @@ def links(home):
 
 
 def main(argv=None):
-    args = stage.parser(
+    args = stage_cli.parser(
         __doc__,
         results="folder",
         templates="*input, Jinja2, style and scripts of the page",
@@ -48,10 +49,10 @@ def main(argv=None):
     ).parse_args(argv)
     rigs = sorted(args.options["rigs"].items())
     told = [of_rig(args.results / n, r["sessions"], r["stopped"]) for n, r in rigs]
-    page = html.render(args.templates, "index.html.j2", {"rigs": told})
-    files.write(args.output, page)
+    page = html_page.render(args.templates, "index.html.j2", {"rigs": told})
+    atomic_files.write(args.output, page)
     logger.info("%s: %d rigs", args.output, len(told))
 
 
 if __name__ == "__main__":
-    stage.run(main)
+    stage_cli.run(main)

@@ -5,8 +5,9 @@ Writes  calibration.json  the results as robots and people read them
         verdict.json      the verdict, its reasons, the limits it was judged by
 """
 
-from calib import config, stage, verdict
-from calib.stage import logger
+from calib.io import config, stage_cli
+from calib.io.stage_cli import logger
+from calib.verdict import rig_verdict
 
 SCHEMA_VERSION = 1
 
@@ -41,7 +42,7 @@ def calibration(solution, overall, reasons, levels):
 
 
 def main(argv=None):
-    args = stage.parser(
+    args = stage_cli.parser(
         __doc__,
         solution="input",
         calibration="output",
@@ -49,18 +50,18 @@ def main(argv=None):
         options="slice of the config",
     ).parse_args(argv)
     limits = args.options["judge"]
-    solution = stage.read_json(args.solution)
-    overall, findings, levels = verdict.of_rig(solution, limits)
+    solution = stage_cli.read_json(args.solution)
+    overall, findings, levels = rig_verdict.of_rig(solution, limits)
     reasons = [f["text"] for f in findings]
     result = calibration(solution, overall, reasons, levels)
-    stage.write_json(args.calibration, config.complete("calibration", result, args.calibration))
+    stage_cli.write_json(args.calibration, config.complete("calibration", result, args.calibration))
     judged = {"verdict": overall, "reasons": reasons, "findings": findings}
     judged |= {"sensors": levels, "limits": limits}
-    stage.write_json(args.verdict, config.complete("verdict", judged, args.verdict))
+    stage_cli.write_json(args.verdict, config.complete("verdict", judged, args.verdict))
     logger.info("%s: %s", solution["rig"], overall)
     for f in findings:
         logger.info("%s: %s; %s", f["level"], f["text"], f["remedy"])
 
 
 if __name__ == "__main__":
-    stage.run(main)
+    stage_cli.run(main)

@@ -8,20 +8,21 @@ them: what is out of view for certain is not seen, and of a pose that nobody sta
 payload is read. A verdict of fail says that no sensor can be calibrated.
 """
 
-from calib import files, stage, tables
-from calib.preflight import judgement, looks, words
-from calib.stage import logger
-from calib.status import Status
+from calib.io import atomic_files, parquet_tables, stage_cli, table_schemas
+from calib.io.stage_cli import logger
+from calib.io.status import Status
+from calib.report.page import preflight_text
+from calib.verdict import preflight_findings, preflight_visibility
 
 
 def session_of(name, audit, frames, mocap, placements, options):
     """The looks.Session of the files of one."""
-    placed, status, notes = tables.read(placements, tables.PLACEMENTS)
+    placed, status, notes = parquet_tables.read(placements, table_schemas.PLACEMENTS)
     about = options["sessions"][name]
-    return looks.Session(
-        audit=stage.read_json(audit),
-        frames=tables.read(frames, tables.FRAMES)[0],
-        poses=tables.read(mocap, tables.MOCAP)[0],
+    return preflight_visibility.Session(
+        audit=stage_cli.read_json(audit),
+        frames=parquet_tables.read(frames, table_schemas.FRAMES)[0],
+        poses=parquet_tables.read(mocap, table_schemas.MOCAP)[0],
         placements=placed,
         status=status,
         targets={t: Status.from_dict(note) for t, note in sorted(notes.items())},
@@ -34,20 +35,20 @@ def judged(sessions, options):
     """The content of preflight.json."""
     seen = {
         sensor: {
-            name: looks.look(session, sensor, options)
+            name: preflight_visibility.look(session, sensor, options)
             for name, session in sessions.items()
             if sensor in session.streams
         }
         for sensor in sorted(options["sensors"])
     }
-    verdict, findings, levels = judgement.of_rig(sessions, seen, options)
+    verdict, findings, levels = preflight_findings.of_rig(sessions, seen, options)
     about = {"rig": options["rig"], "verdict": verdict, "findings": findings, "levels": levels}
-    targets = judgement.turns(sessions, options)
-    return about | {"sensors": judgement.numbers(seen), "targets": targets}
+    targets = preflight_findings.turns(sessions, options)
+    return about | {"sensors": preflight_findings.numbers(seen), "targets": targets}
 
 
 def main(argv=None):
-    args = stage.parser(
+    args = stage_cli.parser(
         __doc__,
         audits="*input log.json, one per session, in their order",
         mocap="*input, likewise",
@@ -62,12 +63,12 @@ def main(argv=None):
     named = zip(sorted(options["sessions"]), paths, strict=True)
     sessions = {name: session_of(name, *of, options) for name, of in named}
     found = judged(sessions, options)
-    told = words.lines(options["rig"], found, words.Told(options, sessions))
-    with files.whole(args.text) as part:
+    told = preflight_text.lines(options["rig"], found, preflight_text.Told(options, sessions))
+    with atomic_files.whole(args.text) as part:
         part.write_text("\n".join(told) + "\n")
-    stage.write_json(args.json, found)
+    stage_cli.write_json(args.json, found)
     logger.info("%s: %s", options["rig"], found["verdict"])
 
 
 if __name__ == "__main__":
-    stage.run(main)
+    stage_cli.run(main)

@@ -10,39 +10,39 @@ Decides nothing; what could not be done is shown with its reason, found, expecte
 
 from plotly.offline import get_plotlyjs
 
-from calib import files, stage
-from calib.report import (
+from calib.io import atomic_files, stage_cli
+from calib.io.stage_cli import logger
+from calib.report.data.load_run import read_run
+from calib.report.figures import (
     correlation_figure,
-    coverage,
     coverage_figures,
-    diagnostics,
-    directions,
-    evidence,
-    evidence_figures,
-    extrinsics,
-    figures,
-    funnel,
-    html,
-    intake,
-    intake_figures,
-    nuisance,
-    overlays,
-    paper,
-    plots,
-    provenance,
-    residuals,
+    cross_validation_figures,
+    message_timing_figure,
+    residual_figures,
+    residual_split_figures,
     rig_figure,
-    scene,
-    scene_figure,
-    shared_overlays,
-    split_figures,
-    splits,
-    summary,
-    task,
-    task_figures,
+    scene_3d_data,
+    scene_3d_still,
+    svg_plots,
+    task_accuracy_figures,
 )
-from calib.report.inputs import read_run
-from calib.stage import logger
+from calib.report.overlays import lidar_on_image, overlay_selection
+from calib.report.page import html_page, pdf_page
+from calib.report.sections import (
+    cross_validation,
+    diagnostics,
+    extrinsics,
+    frame_losses,
+    nuisance_parameters,
+    principal_directions,
+    provenance,
+    recording_audit,
+    residual_splits,
+    residual_tables,
+    task_accuracy,
+    verdict_summary,
+    view_coverage,
+)
 
 COLUMNS = {"extrinsics": 1, "coverage": 1, "residuals": 3}  # of the figures that are written
 # Templates by name, and what they are headed by.
@@ -74,27 +74,27 @@ def content(run):
         "title": run.options["report"]["title"] or run.options["rig"],
         "rig": run.options["rig"],
         "body": run.options["body"],
-        "verdict": summary.verdict(run),
+        "verdict": verdict_summary.verdict(run),
         "provenance": provenance.provenance(run),
         "sessions": sessions,
         "coverage": [covered(run, n) for n in run.sensors],
         "gallery": [
-            {"name": n, "kind": s["kind"], "views": overlays.of_sensor(run, n)}
+            {"name": n, "kind": s["kind"], "views": overlay_selection.of_sensor(run, n)}
             for n, s in run.sensors.items()
         ],
         "residuals": [left_over(run, n) for n in run.sensors],
-        "unknowns": nuisance.other_unknowns(run),
-        "noise": residuals.noise(run),
+        "unknowns": nuisance_parameters.other_unknowns(run),
+        "noise": residual_tables.noise(run),
         "mocap_factor": run.calibration["noise"]["mocap_factor"],
-        "observability": directions.rows(run),
-        "by_count": evidence_figures.sigma_by_count(run),
-        "overlays": shared_overlays.draw(run),
+        "observability": principal_directions.rows(run),
+        "by_count": cross_validation_figures.sigma_by_count(run),
+        "overlays": lidar_on_image.draw(run),
         "typical": [
-            {"name": n, "kind": s["kind"], "views": overlays.typical(run, n)}
+            {"name": n, "kind": s["kind"], "views": overlay_selection.typical(run, n)}
             for n, s in run.sensors.items()
         ],
         "diagnostics": diagnostics.rows(run, funnels),
-        "suspicions": evidence.suspicions(run),
+        "suspicions": cross_validation.suspicions(run),
         "convergence": provenance.convergence(run),
     }
     return shown | poses(run) | between(run) | validation(run)
@@ -108,8 +108,8 @@ def poses(run):
         "known": any(e["solved"] and e["error"] for e in told),
         "strangers": run.strangers,
         "rig_figure": rig_figure.draw(run),
-        "scene": scene.content(run),
-        "scene_figure": scene_figure.draw(run),
+        "scene": scene_3d_data.content(run),
+        "scene_figure": scene_3d_still.draw(run),
         "correlation": correlation_figure.draw(run),
     }
 
@@ -119,43 +119,46 @@ def between(run):
     pairs = extrinsics.between(run)
     return {
         "between": pairs,
-        "pairs": task.rows(run, pairs),
-        "ranges": [f"{r:g}" for r in task.RANGES],
-        "task_figures": task_figures.draw(run, pairs),
+        "pairs": task_accuracy.rows(run, pairs),
+        "ranges": [f"{r:g}" for r in task_accuracy.RANGES],
+        "task_figures": task_accuracy_figures.draw(run, pairs),
     }
 
 
 def validation(run):
     """Placements left out, and sessions by themselves."""
-    alone = [evidence_figures.influence(run, n) for n in run.sensors]
+    alone = [cross_validation_figures.influence(run, n) for n in run.sensors]
     return {
-        "held_out": evidence.held_out(run),
+        "held_out": cross_validation.held_out(run),
         "influences": [drawing for drawing in alone if drawing],
-        "by_session": evidence.sessions(run),
+        "by_session": cross_validation.sessions(run),
     }
 
 
 def covered(run, name):
     """Coverage of one sensor."""
-    found = coverage.of_sensor(run, name)
+    found = view_coverage.of_sensor(run, name)
     drawing = coverage_figures.draw(run, name, found) if found else None
-    return {"row": coverage.row(run, name, found), "drawing": drawing}
+    return {"row": view_coverage.row(run, name, found), "drawing": drawing}
 
 
 def left_over(run, name):
     """Residuals of one sensor."""
-    rows = splits.of_sensor(run, name)
-    kinds = {k: residuals.members(c) for k, c in residuals.of(run, name).items()}
+    rows = residual_splits.of_sensor(run, name)
+    kinds = {k: residual_tables.members(c) for k, c in residual_tables.of(run, name).items()}
     kinds = {k: c for k, c in kinds.items() if len(c["weight"])}
-    more = split_figures.quantiles(name, kinds), split_figures.by_group(name, rows)
+    more = (
+        residual_split_figures.quantiles(name, kinds),
+        residual_split_figures.by_group(name, rows),
+    )
     return {
         "name": name,
         "kind": run.sensors[name]["kind"],
-        "rows": residuals.overview(run, name),
-        "rejected": residuals.rejected(run, name),
-        "left_out": evidence.left_out(run, name),
+        "rows": residual_tables.overview(run, name),
+        "rejected": residual_tables.rejected(run, name),
+        "left_out": cross_validation.left_out(run, name),
         "splits": rows,
-        "figures": figures.of_sensor(run, name) + [f for f in more if f],
+        "figures": residual_figures.of_sensor(run, name) + [f for f in more if f],
     }
 
 
@@ -163,20 +166,20 @@ def session(run, name):
     """Audit and funnel of one session."""
     return {
         "name": name,
-        "streams": intake.streams(run, name),
-        "bodies": intake.bodies(run, name),
-        "heard": intake.heard(run, name),
-        "unused": intake.unused_topics(run, name),
-        "problems": intake.problems(run, name),
-        "intake": intake_figures.draw(run, name),
-        "funnel": funnel.table(run, name),
-        "timeline": figures.timeline(run, name),
+        "streams": recording_audit.streams(run, name),
+        "bodies": recording_audit.bodies(run, name),
+        "heard": recording_audit.heard(run, name),
+        "unused": recording_audit.unused_topics(run, name),
+        "problems": recording_audit.problems(run, name),
+        "intake": message_timing_figure.draw(run, name),
+        "funnel": frame_losses.table(run, name),
+        "timeline": residual_figures.timeline(run, name),
     }
 
 
 def arguments(argv):
     """The parsed command line."""
-    return stage.parser(
+    return stage_cli.parser(
         __doc__,
         calibration="input",
         verdict="input",
@@ -199,15 +202,15 @@ def arguments(argv):
 def on_screen(templates, shown):
     """report.html."""
     more = {"on_paper": False, "plotly": get_plotlyjs()}
-    return html.render(templates, "report.html.j2", shown | more)
+    return html_page.render(templates, "report.html.j2", shown | more)
 
 
 def on_paper(templates, shown):
     """report.pdf, of a page that finds its images by name."""
-    images = paper.Images()
+    images = pdf_page.Images()
     more = {"on_paper": True, "plotly": ""}
-    page = html.render(templates, "report.html.j2", shown | more, images.tag)
-    return paper.to_pdf(page, images)
+    page = html_page.render(templates, "report.html.j2", shown | more, images.tag)
+    return pdf_page.to_pdf(page, images)
 
 
 def write_figures(paths, shown):
@@ -219,19 +222,19 @@ def write_figures(paths, shown):
     }
     for path in paths:
         parts = [d for d in drawn[path.stem] if d]
-        files.write(path, plots.sheet(parts, COLUMNS[path.stem]))
+        atomic_files.write(path, svg_plots.sheet(parts, COLUMNS[path.stem]))
 
 
 def main(argv=None):
     args = arguments(argv)
     run = read_run(args)
     shown = content(run)
-    files.write(args.html, on_screen(args.templates, shown))
-    files.write(args.pdf, on_paper(args.templates, shown))
+    atomic_files.write(args.html, on_screen(args.templates, shown))
+    atomic_files.write(args.pdf, on_paper(args.templates, shown))
     write_figures(args.figures, shown)
     sizes = args.html.stat().st_size, args.pdf.stat().st_size
     logger.info("%s: %s, %d and %d bytes", run.options["rig"], run.verdict["verdict"], *sizes)
 
 
 if __name__ == "__main__":
-    stage.run(main)
+    stage_cli.run(main)

@@ -1,7 +1,7 @@
 """Write recordings with known truth: a robot with lidars and cameras, targets, motion capture.
 
 Robot and targets rest for --hold-s at every placement, each target in view of the sensors that
-the rig (calib/sim/rigs.py) names for it, and move smoothly in between. Into OUT go
+the rig (simulation/simulated_rigs.py) names for it, and move smoothly in between. Into OUT go
 
     logs/<session>.mcap  /tf 100 Hz, a cloud per lidar 10 Hz, image and CameraInfo per camera
     config/              config.yaml, rigs/<rig>.yaml, targets/*.yaml: ready for `snakemake -d OUT`
@@ -24,18 +24,35 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.sim import exposure, files, log, mocap, motion, mounts, placements, record, rigs, scene
+from simulation import (
+    config_and_truth,
+    draw_placements,
+    record_session,
+    ros_log,
+    sensor_mounts,
+    simulated_rigs,
+)
+from simulation.sensors import camera_exposure, mocap_errors
+from simulation.world import room_scene, smooth_motion
 
 RIG, PLACES, GUESS, BIAS, MOUNTS, BEAMS, SWAPS, MARKERS, BUMP = range(
     9
 )  # streams of random numbers
 SENSORS = (  # flag, what it takes, what it does; of all lidars or all cameras of the rig
     ("--sector-deg", {"type": float}, "azimuths recorded: ± about the lidar's x"),
-    ("--lidar", {"choices": list(rigs.LIDARS)}, "cloud format, with a scan pattern that fits"),
+    (
+        "--lidar",
+        {"choices": list(simulated_rigs.LIDARS)},
+        "cloud format, with a scan pattern that fits",
+    ),
     ("--camera-hz", {"type": float}, "images per second"),
-    ("--camera-model", {"choices": rigs.models()}, "with parameters for 900 by 700 px"),
-    ("--encoding", {"choices": list(exposure.ENCODINGS)}, "of Image"),
-    ("--compressed", {"choices": list(rigs.COMPRESSED)}, "CompressedImage instead of Image"),
+    ("--camera-model", {"choices": simulated_rigs.models()}, "with parameters for 900 by 700 px"),
+    ("--encoding", {"choices": list(camera_exposure.ENCODINGS)}, "of Image"),
+    (
+        "--compressed",
+        {"choices": list(simulated_rigs.COMPRESSED)},
+        "CompressedImage instead of Image",
+    ),
     ("--distortion", {"type": float, "nargs": 4, "metavar": ("K1", "K2", "P1", "P2")}, "radtan"),
 )
 ERRORS = (  # flag, default, what it is
@@ -70,7 +87,7 @@ def parse(argv):
     )
     add = parser.add_argument
     add("out", type=Path, metavar="OUT")
-    add("--rig", choices=list(rigs.RIGS), default="sim")
+    add("--rig", choices=list(simulated_rigs.RIGS), default="sim")
     add("--seed", type=int, default=1)
     add("--placements", type=int, default=10, help="of each session")
     add("--hold-s", type=float, default=1.0, help="how long everything rests at a placement")
@@ -84,26 +101,28 @@ def parse(argv):
     for flag, default, what in ERRORS:
         add(flag, type=float, default=default, help=what)
     named = parser.parse_known_args(argv)[0].rig
-    parser.set_defaults(**rigs.RIGS[named].defaults)
+    parser.set_defaults(**simulated_rigs.RIGS[named].defaults)
     return parser.parse_args(argv)
 
 
 def _targets(text):
     names = text.split(",")
-    if set(names) - set(scene.TARGETS) or len(set(names)) < len(names):
-        raise argparse.ArgumentTypeError(f"{text}: expected some of {','.join(scene.TARGETS)}")
-    return [name for name in scene.TARGETS if name in names]
+    if set(names) - set(room_scene.TARGETS) or len(set(names)) < len(names):
+        raise argparse.ArgumentTypeError(f"{text}: expected some of {','.join(room_scene.TARGETS)}")
+    return [name for name in room_scene.TARGETS if name in names]
 
 
 def draw(args):
     """Sessions of the arguments, and the guesses T_robot_sensor (4, 4) to be written, by sensor."""
-    rig = rigs.customised(rigs.RIGS[args.rig], args)
-    built = mounts.build(rig, _rng(args, RIG), _rng(args, BEAMS), args.beam_bias_m)
+    rig = simulated_rigs.customised(simulated_rigs.RIGS[args.rig], args)
+    built = sensor_mounts.build(rig, _rng(args, RIG), _rng(args, BEAMS), args.beam_bias_m)
     error, rng = (args.guess_error_m, args.guess_error_deg), _rng(args, GUESS)
-    guesses = {k: mounts.perturb(rng, T, *error) for k, T in built.sensors.items()}
+    guesses = {k: sensor_mounts.perturb(rng, T, *error) for k, T in built.sensors.items()}
     rng = _rng(args, MOUNTS)
-    shifts = {k: mounts.displacement(rng, args.mount_m, args.mount_deg) for k in args.targets}
-    kinds = rigs.kinds(rig, args.targets)
+    shifts = {
+        k: sensor_mounts.displacement(rng, args.mount_m, args.mount_deg) for k in args.targets
+    }
+    kinds = simulated_rigs.kinds(rig, args.targets)
     sessions = [_session(args, built, kinds, shifts, *s) for s in enumerate(rig.sessions)]
     return sessions, guesses
 
@@ -116,29 +135,31 @@ def _session(args, built, kinds, shifts, number, name):
     """The record.Session of that number and name."""
     rng = [_rng(args, stream, number) for stream in range(SWAPS + 1)]
     # Drawn with targets of the size written in the config, whatever size they are built in.
-    drawn = placements.draw(
-        rng[PLACES], scene.build(args.targets), built, kinds, args.placements, args.upright
+    drawn = draw_placements.draw(
+        rng[PLACES], room_scene.build(args.targets), built, kinds, args.placements, args.upright
     )
-    times = motion.placement_times(drawn.slots, args.hold_s, args.move_s)
+    times = smooth_motion.placement_times(drawn.slots, args.hold_s, args.move_s)
     sigma = np.repeat([args.mcs_bias_m, np.deg2rad(args.mcs_bias_deg)], 3)
     biases = {k: sigma * rng[BIAS].standard_normal((args.placements, 6)) for k in drawn.knots}
-    bodies = [record.ROBOT, *(scene.TARGETS[k]["body"] for k in args.targets)]
-    swaps = mocap.draw_swaps(rng[SWAPS], args.label_swaps, bodies, *record.span(times))
-    world = scene.build(args.targets, args.target_scale)
+    bodies = [record_session.ROBOT, *(room_scene.TARGETS[k]["body"] for k in args.targets)]
+    swaps = mocap_errors.draw_swaps(
+        rng[SWAPS], args.label_swaps, bodies, *record_session.span(times)
+    )
+    world = room_scene.build(args.targets, args.target_scale)
     anew = (args.remount_m, args.remount_deg) if number else (0.0, 0.0)
-    markers = mounts.displacement(_rng(args, MARKERS, number), *anew)
-    if (args.bump_m or args.bump_deg) and name == rigs.RIGS[args.rig].sessions[-1]:
-        knock = mounts.displacement(_rng(args, BUMP), args.bump_m, args.bump_deg)
-        built = mounts.bumped(built, knock)
+    markers = sensor_mounts.displacement(_rng(args, MARKERS, number), *anew)
+    if (args.bump_m or args.bump_deg) and name == simulated_rigs.RIGS[args.rig].sessions[-1]:
+        knock = sensor_mounts.displacement(_rng(args, BUMP), args.bump_m, args.bump_deg)
+        built = sensor_mounts.bumped(built, knock)
     motions = (times, drawn.knots, shifts, markers, biases, swaps)
-    return record.Session(name, number, world, built, *motions, args)
+    return record_session.Session(name, number, world, built, *motions, args)
 
 
 def write(session):
     """Write the session's log, telling how far it is; what it holds, in words."""
-    path = session.args.out / files.log_path(session.name)
+    path = session.args.out / config_and_truth.log_path(session.name)
     path.parent.mkdir(parents=True, exist_ok=True)
-    counts = log.write(path, told(session, record.messages(session)))
+    counts = ros_log.write(path, told(session, record_session.messages(session)))
     listed = ", ".join(f"{n} on {topic}" for topic, n in sorted(counts.items()))
     return f"wrote {path}: {listed}; {path.stat().st_size / 1e6:.1f} MB"
 
@@ -155,7 +176,7 @@ def write_all(sessions):
 
 def told(session, messages):
     """The messages, with a line on stderr for every tenth of the session."""
-    start, end = record.span(session.times)
+    start, end = record_session.span(session.times)
     begun, tenth = time.monotonic(), 1
     for message in messages:
         if message[0] >= start + tenth * (end - start) / 10:
@@ -168,8 +189,8 @@ def told(session, messages):
 def main(argv=None):
     args = parse(argv)
     sessions, guesses = draw(args)
-    files.write_config(args.out / "config", args.rig, sessions, guesses)
-    files.write_truth(args.out / "truth.json", sessions, guesses)
+    config_and_truth.write_config(args.out / "config", args.rig, sessions, guesses)
+    config_and_truth.write_truth(args.out / "truth.json", sessions, guesses)
     for line in write_all(sessions):
         print(line, file=sys.stderr)
 

@@ -13,8 +13,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from calib import geometry
-from calib.sim import log as record
+from calib.geometry import se3
+from simulation import ros_log
 
 MS = 1_000_000
 BEGIN = 1_700_000_000_000_000_000
@@ -64,7 +64,7 @@ def _store(kind):
 
 
 STORE, STORE1 = _store(Stores.ROS2_HUMBLE), _store(Stores.ROS1_NOETIC)
-STORE1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", record.TF))
+STORE1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", ros_log.TF))
 
 
 def make(name, /, **fields):
@@ -79,8 +79,8 @@ def track(n=20, hz=100):
     """Stamps (n,), ns, and poses (n, 4, 4) by body: both move, and turn, smoothly."""
     t = BEGIN + np.arange(n) * (1_000_000_000 // hz)
     s = (np.arange(n) / hz)[:, None]
-    robot = geometry.pose(t=[0.5, -0.2, 0.1]) @ geometry.se3_exp(s * [0.3, 0.1, 0, 0, 0, 0.4])
-    board = geometry.pose(t=[2.0, 0.5, 1.0]) @ geometry.se3_exp(s * [0.1, 0.2, -0.1, 0.3, 0, 0.1])
+    robot = se3.pose(t=[0.5, -0.2, 0.1]) @ se3.se3_exp(s * [0.3, 0.1, 0, 0, 0, 0.4])
+    board = se3.pose(t=[2.0, 0.5, 1.0]) @ se3.se3_exp(s * [0.1, 0.2, -0.1, 0.3, 0, 0.1])
     return t, {ROBOT: robot, BOARD: board}
 
 
@@ -92,7 +92,7 @@ def header(t, frame=MAP):
 
 def pose(T):
     """A geometry_msgs/Pose."""
-    x, y, z, w = geometry.to_quat(T).tolist()
+    x, y, z, w = se3.to_quat(T).tolist()
     position = make("geometry_msgs/msg/Point", **dict(zip("xyz", T[:3, 3].tolist(), strict=True)))
     turn = make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
     return make("geometry_msgs/msg/Pose", position=position, orientation=turn)
@@ -100,7 +100,7 @@ def pose(T):
 
 def transforms(t, poses):
     """All bodies in one TFMessage."""
-    return [("/tf", record.TF, record.transforms(t, MAP, poses))]
+    return [("/tf", ros_log.TF, ros_log.transforms(t, MAP, poses))]
 
 
 def each(name, of):
@@ -109,7 +109,7 @@ def each(name, of):
 
 
 def _transform(t, body, T):
-    return record.transforms(t, MAP, {body: T}).transforms[0]
+    return ros_log.transforms(t, MAP, {body: T}).transforms[0]
 
 
 def _stamped(t, body, T):
@@ -134,7 +134,7 @@ def _odometry(t, body, T):
 
 
 def _position(t, body, T):
-    x, y, z, w = geometry.to_quat(T).tolist()
+    x, y, z, w = se3.to_quat(T).tolist()
     mm = dict(zip(("x_trans", "y_trans", "z_trans"), (1000 * T[:3, 3]).tolist(), strict=True))
     names = {"segment_name": body, "subject_name": body, "translation_type": "Global"}
     turn = {"x_rot": x, "y_rot": y, "z_rot": z, "w": w}
@@ -184,7 +184,7 @@ def image(t):
     """A small Image."""
     pixels = np.arange(24, dtype=np.uint8)
     fields = {"height": 2, "width": 4, "encoding": "bgr8", "is_bigendian": 0, "step": 12}
-    return make(record.IMAGE, header=header(t, "camera"), **fields, data=pixels)
+    return make(ros_log.IMAGE, header=header(t, "camera"), **fields, data=pixels)
 
 
 def cloud(t):
@@ -196,7 +196,9 @@ def cloud(t):
     data = np.arange(15, dtype=np.float32).view(np.uint8)
     shape = {"height": 1, "width": 5, "point_step": 12, "row_step": 60}
     flags = {"is_bigendian": False, "is_dense": True}
-    return make(record.CLOUD, header=header(t, "lidar"), fields=fields, data=data, **shape, **flags)
+    return make(
+        ros_log.CLOUD, header=header(t, "lidar"), fields=fields, data=data, **shape, **flags
+    )
 
 
 def recording(kind, n=20):
@@ -208,8 +210,8 @@ def recording(kind, n=20):
         said = say(now, {body: T[i] for body, T in poses.items()})
         rows += [(now + 2 * MS + k, *message) for k, message in enumerate(said)]
         if i % 3 == 0:
-            rows.append((now + 5 * MS, "/image", record.IMAGE, image(now)))
-            rows.append((now + 6 * MS, "/points", record.CLOUD, cloud(now)))
+            rows.append((now + 5 * MS, "/image", ros_log.IMAGE, image(now)))
+            rows.append((now + 6 * MS, "/points", ros_log.CLOUD, cloud(now)))
     return rows
 
 
@@ -253,7 +255,7 @@ def mcap(path, rows, serialise=cdr, form=("cdr", "ros2msg", 2), **options):
 
 def ros1(name, message):
     """A message serialised as in ROS 1."""
-    return bytes(STORE1.serialize_ros1(record.of_ros1(message, STORE1), name))
+    return bytes(STORE1.serialize_ros1(ros_log.of_ros1(message, STORE1), name))
 
 
 def ros1_mcap(path, rows):
@@ -266,7 +268,7 @@ def rosbag2(folder, rows, plugin, compression=CompressionMode.NONE):
     writer = Rosbag2Writer(folder, version=9, storage_plugin=plugin)
     if compression != CompressionMode.NONE:
         writer.set_compression(compression, CompressionFormat.ZSTD)
-    record.record(writer, rows, STORE, cdr)
+    ros_log.record(writer, rows, STORE, cdr)
     return folder
 
 
@@ -276,7 +278,7 @@ def bag(path, rows, compression=None):
     writer.chunk_threshold = 2000
     if compression:
         writer.set_compression(compression)
-    record.record(writer, rows, STORE1, ros1)
+    ros_log.record(writer, rows, STORE1, ros1)
     return path
 
 

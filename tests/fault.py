@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.sim import log
-from calib.sim.motion import START_NS
+from simulation import ros_log
+from simulation.world.smooth_motion import START_NS
 
 MS, S = 10**6, 10**9
 POSES, CLOUDS, IMAGES, INFO = "/tf", "/velodyne_points", "/camera/image_raw", "/camera/camera_info"
@@ -84,7 +84,7 @@ def seconds(header):
 
 def points(message):
     """The points of a PointCloud2 as a structured array (n,)."""
-    names = {v: k for k, v in log.NUMPY_TO_FIELD.items()}
+    names = {v: k for k, v in ros_log.NUMPY_TO_FIELD.items()}
     order = ">" if message.is_bigendian else "<"
     layout = np.dtype(
         {
@@ -101,10 +101,10 @@ def put(message, array, height=1):
     """Put points (n,) of any layout into a PointCloud2."""
     layout = array.dtype
     message.fields = [
-        log.STORE.types["sensor_msgs/msg/PointField"](
+        ros_log.STORE.types["sensor_msgs/msg/PointField"](
             name=name,
             offset=layout.fields[name][1],
-            datatype=log.NUMPY_TO_FIELD[layout[name].newbyteorder("=").name],
+            datatype=ros_log.NUMPY_TO_FIELD[layout[name].newbyteorder("=").name],
             count=1,
         )
         for name in layout.names

@@ -27,8 +27,9 @@ import judge
 import runs
 import solve
 import wrecks
-from calib import geometry, logs
-from calib.status import InputError
+from calib.geometry import se3
+from calib.io.logs import open_log
+from calib.io.status import InputError
 
 SENSORS = ("velodyne", "camera")
 SHOWN = {"velodyne": "lidar", "camera": "camera"}
@@ -73,7 +74,7 @@ def _fitted(words):
     """Arguments with the fingerprint of the log below the working directory."""
     options = json.loads(words[-1])
     if "fingerprint" in options:
-        options["fingerprint"] = logs.fingerprint(options["log"])
+        options["fingerprint"] = open_log.fingerprint(options["log"])
     return [*words[:-1], json.dumps(options)]
 
 
@@ -107,10 +108,10 @@ def outcome(folder):
         pose = found["sensors"][name]["T_robot_sensor"]
         errors[name] = sigmas[name] = None
         if pose:
-            off = geometry.inverse(np.array(true[name]["T_robot_sensor"]["matrix"]))
+            off = se3.inverse(np.array(true[name]["T_robot_sensor"]["matrix"]))
             off = off @ np.array(pose["matrix"])
             variance = np.diag(found["sensors"][name]["covariance"])
-            errors[name] = np.linalg.norm(off[:3, 3]), geometry.angle(off[:3, :3])
+            errors[name] = np.linalg.norm(off[:3, 3]), se3.angle(off[:3, :3])
             sigmas[name] = tuple(np.sqrt([variance[:3].sum(), variance[3:].sum()]))
     return Outcome(found["verdict"], wrecks.said(folder), errors, sigmas)
 

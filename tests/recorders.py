@@ -12,26 +12,32 @@ import numpy as np
 
 import containers
 import simulate
-from calib import geometry
-from calib.sim import camera as cameras
-from calib.sim import drivers, exposure, lidar, log, patterns, record, rigs
+from calib.geometry import se3
 from containers import BOARD, MAP, ROBOT, make
+from simulation import record_session, ros_log, simulated_rigs
+from simulation.sensors import (
+    camera_exposure,
+    cloud_formats,
+    render_image,
+    scan_patterns,
+    scan_scene,
+)
 
 S, MS = 10**9, 10**6
 LATE = 2 * MS  # by which the log takes every message
 SIZE, FOCUS = (360, 280), 400.0
 LENS = (FOCUS, FOCUS + 1, 181.3, 138.6, 0.0, 0.0, 0.0, 0.0)
 POINTS, PIXELS = "/points", "/image"
-BEAMS = patterns.Spinning(tuple(range(-15, 16, 2)), 720)
-RIG = rigs.Rig(
+BEAMS = scan_patterns.Spinning(tuple(range(-15, 16, 2)), 720)
+RIG = simulated_rigs.Rig(
     sensors={
-        "lidar": rigs.Lidar(POINTS, (0.15, 0.0, 0.60), (0.0, 0.0, 2.0), sector_deg=25.0),
-        "camera": rigs.Camera(
+        "lidar": simulated_rigs.Lidar(POINTS, (0.15, 0.0, 0.60), (0.0, 0.0, 2.0), sector_deg=25.0),
+        "camera": simulated_rigs.Camera(
             PIXELS, (0.25, -0.10, 0.45), (-90.0, 0.0, -90.0), "radtan", LENS, SIZE
         ),
     },
     sessions=("matrix",),
-    kinds=({"board": rigs.Spot("lidar", (-5, 5), (1.6, 2.4), ("lidar", "camera"))},),
+    kinds=({"board": simulated_rigs.Spot("lidar", (-5, 5), (1.6, 2.4), ("lidar", "camera"))},),
     alone={},
     defaults={"placements": 5, "hold_s": 1.2, "move_s": 0.5, "targets": ["board"], "seed": 4},
 )
@@ -53,11 +59,11 @@ class Scene(NamedTuple):
 
 def drawn():
     """(session, guesses) of RIG, as simulate.py draws them."""
-    rigs.RIGS["matrix"] = RIG
+    simulated_rigs.RIGS["matrix"] = RIG
     try:
         sessions, guesses = simulate.draw(simulate.parse(["unused", "--rig", "matrix"]))
     finally:
-        del rigs.RIGS["matrix"]
+        del simulated_rigs.RIGS["matrix"]
     return sessions[0], guesses
 
 
@@ -65,7 +71,7 @@ def drawn():
 def scene():
     """The Scene; it takes two seconds."""
     session, guesses = drawn()
-    start, end = record.span(session.times)
+    start, end = record_session.span(session.times)
     t = np.arange(start, end, 25 * MS)
     poses = {ROBOT: session.T_world("robot", t), BOARD: session.T_world("board", t)}
     moments = range(start + 100 * MS, end - 100 * MS, 200 * MS)
@@ -74,7 +80,7 @@ def scene():
         t,
         poses,
         [(m, _echoes(session, m, BEAMS)) for m in moments],
-        [(m, _echoes(session, m, patterns.PATTERNS["flat"])) for m in moments],
+        [(m, _echoes(session, m, scan_patterns.PATTERNS["flat"])) for m in moments],
         [(m, _image(session, m)) for m in shown],
         guesses,
         session.rig.sensors,
@@ -86,16 +92,16 @@ def _echoes(session, t, pattern):
     when = t + firing.after
     T = session.T_world("robot", when) @ session.rig.sensors["lidar"]
     bias = np.zeros(pattern.beams)
-    return lidar.scan(
+    return scan_scene.scan(
         *(session.scene, session.surfaces(when), T, firing, t, np.random.default_rng(0)),
         noise=0.0, bias=bias, spread=0.0,
     )  # fmt: skip
 
 
 def _image(session, t):
-    view = cameras.view(session.rig.cameras["camera"])
-    exact = record.image_at(session, "camera", view, t, cameras.COARSE)
-    return exposure.expose(exact, "bgr8", 0.0, None)
+    view = render_image.view(session.rig.cameras["camera"])
+    exact = record_session.image_at(session, "camera", view, t, render_image.COARSE)
+    return camera_exposure.expose(exact, "bgr8", 0.0, None)
 
 
 # --- motion capture
@@ -104,16 +110,16 @@ def _image(session, t):
 def chain(t, poses):
     """Bodies below static frames, in one TFMessage: the tracker hangs from the map's ceiling, and
     the robot sits on a plate with markers; statics come again, as ROS 1 sends them."""
-    rows = [("/tf", log.TF, log.transforms(t, "tracker", {
-        "plate": geometry.inverse(HUNG) @ poses[ROBOT] @ geometry.inverse(PLATE),
-        BOARD: geometry.inverse(HUNG) @ poses[BOARD],
+    rows = [("/tf", ros_log.TF, ros_log.transforms(t, "tracker", {
+        "plate": se3.inverse(HUNG) @ poses[ROBOT] @ se3.inverse(PLATE),
+        BOARD: se3.inverse(HUNG) @ poses[BOARD],
     }))]  # fmt: skip
     statics = ((MAP, {"tracker": HUNG}), ("plate", {ROBOT: PLATE}))
-    return rows + [("/tf_static", log.TF, log.transforms(t, a, b)) for a, b in statics]
+    return rows + [("/tf_static", ros_log.TF, ros_log.transforms(t, a, b)) for a, b in statics]
 
 
-HUNG = geometry.from_rpy([0.4, -0.3, 3.0], [np.pi, 0.1, 0.2])
-PLATE = geometry.from_rpy([0.02, 0.01, -0.3], [0.0, 0.05, 0.3])
+HUNG = se3.from_rpy([0.4, -0.3, 3.0], [np.pi, 0.1, 0.2])
+PLATE = se3.from_rpy([0.02, 0.01, -0.3], [0.0, 0.05, 0.3])
 MOCAP = containers.TYPES | {"TFMessage, a chain": (chain, ["/tf"], (ROBOT, BOARD))}
 
 
@@ -134,7 +140,7 @@ FOXGLOVE = {"u1": 1, "i1": 2, "u2": 3, "i2": 4, "u4": 5, "i4": 6, "f4": 7, "f8":
 
 
 def _foxglove_cloud(t, echoes):
-    points = drivers.points("velodyne", echoes)
+    points = cloud_formats.points("velodyne", echoes)
     layout = points.dtype
     field = "foxglove_msgs/msg/PackedElementField"
     fields = [
@@ -149,11 +155,11 @@ def _foxglove_cloud(t, echoes):
 
 
 def _driver(name):
-    return lambda t, echoes: log.cloud(t, "lidar", name, echoes)
+    return lambda t, echoes: ros_log.cloud(t, "lidar", name, echoes)
 
 
 DRIVERS = {
-    **{name: _driver(name) for name in (*drivers.DRIVERS, "livox_custom", "laserscan")},
+    **{name: _driver(name) for name in (*cloud_formats.DRIVERS, "livox_custom", "laserscan")},
     "foxglove": _foxglove_cloud,
 }
 
@@ -162,14 +168,14 @@ DRIVERS = {
 def clouds(driver):
     """Rows of a lidar of DRIVERS; a laserscan has one beam, and the others those of BEAMS."""
     scans = scene().flat if driver == "laserscan" else scene().scans
-    return [_row(t + patterns.TURN_NS, POINTS, DRIVERS[driver](t, e)) for t, e in scans]
+    return [_row(t + scan_patterns.TURN_NS, POINTS, DRIVERS[driver](t, e)) for t, e in scans]
 
 
 # --- cameras
 
 
 def _image_of(encoding, pixels):
-    pixels = exposure.ENCODINGS[encoding](pixels)
+    pixels = camera_exposure.ENCODINGS[encoding](pixels)
     return np.ascontiguousarray(pixels).reshape(len(pixels), -1).view(np.uint8)
 
 
@@ -177,7 +183,7 @@ def _raw(encoding, of=lambda pixels: pixels):
     def message(t, pixels):
         lines = _image_of(encoding, of(pixels))
         return make(
-            log.IMAGE, header=containers.header(t, "camera"), height=len(pixels),
+            ros_log.IMAGE, header=containers.header(t, "camera"), height=len(pixels),
             width=pixels.shape[1], encoding=encoding, is_bigendian=0, step=lines.shape[1],
             data=lines.reshape(-1),
         )  # fmt: skip
@@ -191,7 +197,7 @@ def _nv12(t, pixels):
     u, v = planar[h:].reshape(2, h // 4, 2, w // 2)
     data = np.concatenate([planar[:h].ravel(), np.stack([u.ravel(), v.ravel()], 1).ravel()])
     return make(
-        log.IMAGE, header=containers.header(t, "camera"), height=h, width=w, encoding="nv12",
+        ros_log.IMAGE, header=containers.header(t, "camera"), height=h, width=w, encoding="nv12",
         is_bigendian=0, step=w, data=data,
     )  # fmt: skip
 
@@ -200,7 +206,9 @@ def _file(suffix, of=lambda pixels: pixels):
     def message(t, pixels):
         data = cv2.imencode(suffix, of(pixels))[1].reshape(-1)
         head = containers.header(t, "camera")
-        return make(log.COMPRESSED, header=head, format=f"bgr8; {suffix[1:]} compressed", data=data)
+        return make(
+            ros_log.COMPRESSED, header=head, format=f"bgr8; {suffix[1:]} compressed", data=data
+        )
 
     return message
 

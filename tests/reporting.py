@@ -9,9 +9,15 @@ from unittest.mock import MagicMock, patch
 import numpy as np
 
 import report
-from calib import config, geometry, images, rig, stage, tables, targets
-from calib.report import paper, plots, rig_figure, run
-from calib.status import OK, failed
+from calib.geometry import se3
+from calib.io import config, parquet_tables, pose_block, stage_cli, table_schemas
+from calib.io.status import OK, failed
+from calib.report.data import run_data
+from calib.report.figures import rig_figure, svg_plots
+from calib.report.page import pdf_page
+from calib.sensors import sensor_models
+from calib.sensors.camera.images import image_messages
+from calib.targets import target_shapes
 
 ROOT = Path(__file__).parents[1]
 TEMPLATES = sorted((ROOT / "workflow" / "report").rglob("*.*"))
@@ -65,7 +71,7 @@ LEFT_OUT = {
 }
 NEXT_VIEW = {
     "target": "board",
-    "T_sensor_target": rig.pose_json(geometry.pose(None, [0.0, 0.0, 2.0])),
+    "T_sensor_target": pose_block.pose_json(se3.pose(None, [0.0, 0.0, 2.0])),
     "words": "2.0 m away, its face turned 40° left as the sensor sees it",
     "direction": "translation along z of the robot body",
     "unit": "m",
@@ -75,22 +81,22 @@ NEXT_VIEW = {
 }
 HELD_OUT = {"placements": 2, "directions": 12, "rms_m": 0.002, "rms_rad": 0.01, "ratio": 1.1}
 POSES = {
-    "left": geometry.from_rpy([0.1, 0.02, 0.3], np.radians([-90, 0, -90])),
-    "top": geometry.from_rpy([0.2, -0.05, 0.6], np.radians([0, 0, 30])),
+    "left": se3.from_rpy([0.1, 0.02, 0.3], np.radians([-90, 0, -90])),
+    "top": se3.from_rpy([0.2, -0.05, 0.6], np.radians([0, 0, 30])),
 }
-GUESS_OFF = geometry.from_rpy([0.03, 0.0, 0.04], np.radians([0, 0, 2]))
+GUESS_OFF = se3.from_rpy([0.03, 0.0, 0.04], np.radians([0, 0, 2]))
 SIGMA = np.array([0.001, 0.002, 0.003, 1e-4, 2e-4, 3e-4])
 NOT_FOUND = failed("no checkerboard in the region", "none", "4 × 3 inner corners")
 UNSEEN = failed("left has no view of a target", "40 not still", "1 or more", "Record its view.")
 # Two placements of the board before the robot, one of the pipe.
 PLACES = (("board", [2.0, 0.1, 0.3]), ("board", [2.5, -0.2, 0.4]), ("pipe", [2.0, 0.4, 0.5]))
-FACING = geometry.from_rpy([0, 0, 0], np.radians([90, 0, -90]))[:3, :3]
+FACING = se3.from_rpy([0, 0, 0], np.radians([90, 0, -90]))[:3, :3]
 
 
 def placements():
     """Columns of three still intervals, 2 s each."""
     n = len(PLACES)
-    pose = [geometry.pose(FACING if name == "board" else None, xyz) for name, xyz in PLACES]
+    pose = [se3.pose(FACING if name == "board" else None, xyz) for name, xyz in PLACES]
     return {
         "placement": np.arange(n),
         "target": [name for name, _ in PLACES],
@@ -98,7 +104,7 @@ def placements():
         "start": np.arange(n) * 4 * 10**9,
         "end": np.arange(n) * 4 * 10**9 + 2 * 10**9,
         "xyz": [xyz for _, xyz in PLACES],
-        "quat": geometry.to_quat(np.array(pose)),
+        "quat": se3.to_quat(np.array(pose)),
         "samples": np.full(n, 200),
         "effective_samples": np.full(n, 150.0),
         "pose_factor": np.full(n, 0.1),
@@ -110,8 +116,8 @@ def placements():
 def in_sensor(sensor, placement):
     """T_sensor_target (4, 4) by the truth."""
     name, xyz = PLACES[placement]
-    T_robot_target = geometry.pose(FACING if name == "board" else None, xyz)
-    return geometry.inverse(POSES[sensor]) @ T_robot_target
+    T_robot_target = se3.pose(FACING if name == "board" else None, xyz)
+    return se3.inverse(POSES[sensor]) @ T_robot_target
 
 
 def cloud(placement, rng):
@@ -137,9 +143,9 @@ def view_columns(sensor, rng):
     }
     if camera:
         image = rng.integers(0, 255, (240, 320, 3), np.uint8)
-        png = [images.to_png(image)] * len(shown) + [b""]
+        png = [image_messages.to_png(image)] * len(shown) + [b""]
         return columns | {"u0": np.zeros(n), "v0": np.zeros(n), "png": png}
-    clouds = [geometry.transform(in_sensor(sensor, k), cloud(k, rng)) for k in shown]
+    clouds = [se3.transform(in_sensor(sensor, k), cloud(k, rng)) for k in shown]
     xyz = [c.astype(np.float32).reshape(-1) for c in clouds] + [np.zeros(0, np.float32)]
     ring = [np.arange(300) % 16 for _ in shown] + [np.zeros(0, np.int32)]
     dt = [np.zeros(300, np.int64) for _ in shown] + [np.zeros(0, np.int64)]
@@ -148,20 +154,20 @@ def view_columns(sensor, rng):
 
 def measurements(sensor, views, rng):
     """(keypoints, residuals) columns of the kept views, consistent with each other."""
-    camera = rig.camera(CAMERA)
+    camera = sensor_models.camera(CAMERA)
     keypoints, residuals = [], []
     for i in np.flatnonzero(views["kept"]):
         T = in_sensor(sensor, views["placement"][i])
         if sensor == "left":
-            p = targets.from_config(BOARD).pattern.corners()
-            uv = camera.project(geometry.transform(T, p))[0] + rng.normal(0, 0.05, (len(p), 2))
+            p = target_shapes.from_config(BOARD).pattern.corners()
+            uv = camera.project(se3.transform(T, p))[0] + rng.normal(0, 0.05, (len(p), 2))
             value, sigma, kind = rng.normal(0, 0.05, (len(p), 2)), 0.05, "corner"
             measured, xyz = np.column_stack([uv, np.zeros(len(p))]), np.full((len(p), 3), np.nan)
         else:
             xyz = np.reshape(views["xyz"][i], (-1, 3)).astype(float)
             value = np.column_stack([rng.normal(0, 0.01, len(xyz)), np.zeros(len(xyz))])
             uv, sigma, kind = np.full((len(xyz), 2), np.nan), 0.01, "surface"
-            measured = geometry.transform(geometry.inverse(T), xyz)
+            measured = se3.transform(se3.inverse(T), xyz)
         n = len(value)
         shared = {
             "view": np.full(n, views["view"][i]),
@@ -192,7 +198,7 @@ def frames():
 
 def joined(parts, schema):
     """Columns of several parts."""
-    return tables.concatenate(parts, schema)
+    return parquet_tables.concatenate(parts, schema)
 
 
 def audit():
@@ -220,7 +226,7 @@ OFFSET = {"value": 0.0, "sigma": 0.05, "source": "config"}
 
 def guess_of(sensor):
     """The first guess, off by centimetres and degrees."""
-    T = rig.pose_json(POSES[sensor] @ GUESS_OFF)
+    T = pose_block.pose_json(POSES[sensor] @ GUESS_OFF)
     sigma = [0.05] * 3 + [0.09] * 3
     known = {"T_robot_sensor": T, "sigma": sigma, "source": "config", "time_offset_s": OFFSET}
     return known | {"status": OK.to_dict(), "frame": f"{sensor}_frame"}
@@ -235,7 +241,7 @@ def sensor_result(sensor):
         "status": OK.to_dict(),
         "verdict": "pass",
         "guess": {k: guess[k] for k in ("T_robot_sensor", "sigma", "source", "time_offset_s")},
-        "T_robot_sensor": rig.pose_json(POSES[sensor]),
+        "T_robot_sensor": pose_block.pose_json(POSES[sensor]),
         "covariance": np.diag(SIGMA**2).tolist(),
         "weakest": {"direction": "translation along z of the robot body", "sigma": 0.003},
         "placements": 12,
@@ -328,8 +334,8 @@ class Files:
             self.views["s1", sensor] = views, OK
             kept = np.flatnonzero(views["kept"])
             outcomes = {int(v): OK for v in kept}
-            self.keypoints["s1", sensor] = joined(keypoints, tables.KEYPOINTS), OK, outcomes
-        self.residuals = joined(parts, tables.RESIDUALS)
+            self.keypoints["s1", sensor] = joined(keypoints, table_schemas.KEYPOINTS), OK, outcomes
+        self.residuals = joined(parts, table_schemas.RESIDUALS)
         rounds = {"round": [0], "cost": [12.5], "ipopt_iterations": [4], "members": [999]}
         self.iterations = rounds | {"step_m": [1e-9], "step_rad": [1e-9], "changed": [0]}
         self.options = {
@@ -344,11 +350,11 @@ class Files:
 
     def blind(self, sensor, status, session="s1"):
         """A sensor that saw nothing in a session."""
-        schema = run.VIEWS[SENSORS[sensor]["kind"]]
-        self.views[session, sensor] = tables.empty(schema), status
-        self.keypoints[session, sensor] = tables.empty(tables.KEYPOINTS), status, {}
+        schema = run_data.VIEWS[SENSORS[sensor]["kind"]]
+        self.views[session, sensor] = parquet_tables.empty(schema), status
+        self.keypoints[session, sensor] = parquet_tables.empty(table_schemas.KEYPOINTS), status, {}
         rows = (self.residuals["sensor"] != sensor) | (self.residuals["session"] != session)
-        self.residuals = tables.select(self.residuals, rows)
+        self.residuals = parquet_tables.select(self.residuals, rows)
 
     def write(self):
         """Write all; returns the arguments of report.py."""
@@ -357,11 +363,13 @@ class Files:
         }
         for session, sensors in sorted(self.options["sessions"].items()):
             arguments["audits"].append(self.json(f"{session}-log", self.audits[session]))
-            path = self.table(f"{session}-frames", tables.FRAMES, self.frames[session])
+            path = self.table(f"{session}-frames", table_schemas.FRAMES, self.frames[session])
             arguments["frames"].append(path)
             columns, status, of_targets = self.placements[session]
             notes = {k: v.to_dict() for k, v in of_targets.items()}
-            path = self.table(f"{session}-placements", tables.PLACEMENTS, columns, status, notes)
+            path = self.table(
+                f"{session}-placements", table_schemas.PLACEMENTS, columns, status, notes
+            )
             arguments["placements"].append(path)
             for sensor in sorted(sensors):
                 for key, path in self.write_stream(session, sensor).items():
@@ -373,8 +381,8 @@ class Files:
         arguments |= {
             "calibration": [self.json("calibration", result)],
             "verdict": [self.json("verdict", config.complete("verdict", judged, "verdict"))],
-            "residuals": [self.table("residuals", tables.RESIDUALS, self.residuals)],
-            "iterations": [self.table("iterations", tables.ITERATIONS, self.iterations)],
+            "residuals": [self.table("residuals", table_schemas.RESIDUALS, self.residuals)],
+            "iterations": [self.table("iterations", table_schemas.ITERATIONS, self.iterations)],
             "templates": [p for p in TEMPLATES if p.suffix in (".j2", ".css", ".js")],
             "html": [self.folder / "report.html"],
             "pdf": [self.folder / "report.pdf"],
@@ -386,7 +394,7 @@ class Files:
     def write_stream(self, session, sensor):
         """Paths of what one sensor left in one session."""
         at = session, sensor
-        schema = run.VIEWS[SENSORS[sensor]["kind"]]
+        schema = run_data.VIEWS[SENSORS[sensor]["kind"]]
         columns, status, outcomes = self.keypoints[at]
         told = [{"view": v, "status": s.to_dict()} for v, s in outcomes.items()]
         notes = {"outcomes": told, "T_robot_sensor": None, "guess": self.guesses[at]}
@@ -394,22 +402,24 @@ class Files:
         return {
             "guesses": self.json(f"{name}-guess", self.guesses[at]),
             "views": self.table(f"{name}-views", schema, *self.views[at]),
-            "keypoints": self.table(f"{name}-keypoints", tables.KEYPOINTS, columns, status, notes),
+            "keypoints": self.table(
+                f"{name}-keypoints", table_schemas.KEYPOINTS, columns, status, notes
+            ),
         }
 
     def json(self, name, content):
         """Path of a JSON file."""
-        stage.write_json(self.folder / f"{name}.json", content)
+        stage_cli.write_json(self.folder / f"{name}.json", content)
         return self.folder / f"{name}.json"
 
     def table(self, name, schema, columns, status=OK, notes=None):
         """Path of a table."""
-        tables.write(self.folder / f"{name}.parquet", schema, columns, status, notes)
+        parquet_tables.write(self.folder / f"{name}.parquet", schema, columns, status, notes)
         return self.folder / f"{name}.parquet"
 
     def render(self):
         """The page as it stands; printing it would take most of the time."""
-        with patch.object(paper, "to_pdf", return_value=b"%PDF"):
+        with patch.object(pdf_page, "to_pdf", return_value=b"%PDF"):
             report.main(self.write())
         return (self.folder / "report.html").read_text()
 
@@ -435,10 +445,12 @@ def undraw(monkeypatch):
 
     def drawing(fig, name, label, caption, span=1):
         svg = f'<svg viewBox="0 0 1 1" aria-label="{label}"></svg>'
-        return plots.Drawing(svg, None, caption, "", span)
+        return svg_plots.Drawing(svg, None, caption, "", span)
 
-    monkeypatch.setattr(plots, "panels", lambda n, *_, **__: (MagicMock(), [MagicMock()] * len(n)))
-    monkeypatch.setattr(plots, "drawing", drawing)
+    monkeypatch.setattr(
+        svg_plots, "panels", lambda n, *_, **__: (MagicMock(), [MagicMock()] * len(n))
+    )
+    monkeypatch.setattr(svg_plots, "drawing", drawing)
     monkeypatch.setattr(rig_figure, "_seen", MagicMock())
     monkeypatch.setattr(rig_figure, "_bars", MagicMock())
 

@@ -5,8 +5,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib import estimation, geometry, given, rig
-from calib.cameras import Camera
+from calib.estimation import estimation_problem, solver
+from calib.geometry import se3
+from calib.sensors.camera.camera_model import Camera
+from calib.sensors.lidar import lidar_model
 from calib.targets.board import Board
 from calib.targets.cylinder import Cylinder
 from calib.targets.patterns.checkerboard import Checkerboard
@@ -14,7 +16,7 @@ from calib.targets.patterns.checkerboard import Checkerboard
 LENS = (800.0, 800.0, 449.5, 349.5, -0.1, 0.02, 0.0005, -0.0003)
 CAMERA = Camera("radtan", LENS, (900, 700))
 STEP = np.radians(0.2)
-LIDAR = rig.Lidar(STEP, np.radians(2.0), None, None, (0.3, 100.0), 0.01)
+LIDAR = lidar_model.Lidar(STEP, np.radians(2.0), None, None, (0.3, 100.0), 0.01)
 SQUARE = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
 BOARD = Board(SQUARE, 0.0, Checkerboard(6, 5, 0.08, (-0.2, -0.16)))
 CYLINDER = Cylinder(0.8, 0.1)
@@ -23,8 +25,8 @@ MODELS = {"camera": CAMERA, "lidar": LIDAR}
 ASSOCIATE = {"gate_sigma": 6.0, "edge_margin_m": 0.02, "min_cosine": 0.3}
 FORWARD = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # both look along the robot's x
 TRUE = {
-    "camera": geometry.pose(FORWARD, [0.2, 0.1, 0.5]),
-    "lidar": geometry.from_rpy([0.1, -0.05, 0.7], [0.02, -0.03, 0.05]),
+    "camera": se3.pose(FORWARD, [0.2, 0.1, 0.5]),
+    "lidar": se3.from_rpy([0.1, -0.05, 0.7], [0.02, -0.03, 0.05]),
 }
 MCS_SIGMA = np.repeat([1e-4, np.radians(0.01)], 3)
 PIXEL, RANGE = 0.05, 0.01  # px, m: noise, which is also what the Setup starts from
@@ -69,32 +71,32 @@ def setup(seed, layout, world=None, mcs=1.0, noise=1.0):
     places, groups = [], []
     for k, (name, axis) in enumerate(layout):
         T_robot_target = _placed(where, name, axis)
-        errors = geometry.se3_exp(mcs * MCS_SIGMA * rng.normal(size=(2, 6)))
-        T_target_body = geometry.inverse(world.mounts.get(name, np.eye(4)))
-        said = errors[0] @ T_robot_target @ T_target_body @ geometry.inverse(errors[1])
-        places.append(given.Placement("s", name, said, np.eye(4), MCS_SIGMA, start=k))
+        errors = se3.se3_exp(mcs * MCS_SIGMA * rng.normal(size=(2, 6)))
+        T_target_body = se3.inverse(world.mounts.get(name, np.eye(4)))
+        said = errors[0] @ T_robot_target @ T_target_body @ se3.inverse(errors[1])
+        places.append(estimation_problem.Placement("s", name, said, np.eye(4), MCS_SIGMA, start=k))
         groups += _groups(rng, world, k, name, T_robot_target, noise)
     models = {n: m for n, m in MODELS.items() if any(g.sensor == n for g in groups)}
-    return given.Setup(models, TARGETS, places, groups, ASSOCIATE, {})
+    return estimation_problem.Setup(models, TARGETS, places, groups, ASSOCIATE, {})
 
 
 def solved(setup, rounds=30):
     """The Result of so many rounds at most from a start that is off by about 5 mm and 0.3°."""
-    start = {n: TRUE[n] @ geometry.se3_exp(np.full(6, 0.005)) for n in setup.models}
-    return estimation.estimate(setup, start, rounds, 1e-5, 1e-5, 100.0)
+    start = {n: TRUE[n] @ se3.se3_exp(np.full(6, 0.005)) for n in setup.models}
+    return solver.estimate(setup, start, rounds, 1e-5, 1e-5, 100.0)
 
 
 def _placed(rng, name, axis):
     """A target 1.5 to 3 m before the robot, turned at random; a cylinder's axis may be given."""
     at = rng.uniform([1.5, -0.4, 0.3], [3.0, 0.4, 0.9])
     if name == "board":
-        turn = geometry.so3_exp(rng.uniform(-0.6, 0.6, 3))
-        return geometry.pose(turn @ np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]]), at)
+        turn = se3.so3_exp(rng.uniform(-0.6, 0.6, 3))
+        return se3.pose(turn @ np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]]), at)
     x = rng.normal(size=3) if axis is None else np.asarray(axis, float)
     x /= np.linalg.norm(x)
     y = np.cross(x, [0.3, 0.5, 0.8])
     y /= np.linalg.norm(y)
-    return geometry.pose(np.column_stack([x, y, np.cross(x, y)]), at)
+    return se3.pose(np.column_stack([x, y, np.cross(x, y)]), at)
 
 
 def _groups(rng, world, k, name, T_robot_target, noise):
@@ -106,17 +108,23 @@ def _groups(rng, world, k, name, T_robot_target, noise):
 
 def measured(rng, world, sensor, k, name, T_robot_target, noise=1.0):
     """The Groups of what one of the sensors measures of a target."""
-    target, T = world.targets[name], geometry.inverse(TRUE[sensor]) @ T_robot_target
+    target, T = world.targets[name], se3.inverse(TRUE[sensor]) @ T_robot_target
     if sensor == "lidar":
-        found = [given.Group("lidar", k, "surface", _returns(rng, world, target, T, k, noise))]
+        found = [
+            estimation_problem.Group(
+                "lidar", k, "surface", _returns(rng, world, target, T, k, noise)
+            )
+        ]
         if name == "board":
-            found.append(given.Group("lidar", k, "edge", _crossings(rng, target, T, k, noise)))
+            found.append(
+                estimation_problem.Group("lidar", k, "edge", _crossings(rng, target, T, k, noise))
+            )
         return found
-    uv, valid = world.camera.project(geometry.transform(T, target.pattern.corners()))
+    uv, valid = world.camera.project(se3.transform(T, target.pattern.corners()))
     assert valid.all()
     uv = uv + noise * PIXEL * rng.normal(size=uv.shape)
     index = np.arange(len(uv))
-    return [given.Group("camera", k, "corner", _table("corner", k, index, PIXEL, uv))]
+    return [estimation_problem.Group("camera", k, "corner", _table("corner", k, index, PIXEL, uv))]
 
 
 def _returns(rng, world, target, T, k, noise, n=180):
@@ -124,11 +132,11 @@ def _returns(rng, world, target, T, k, noise, n=180):
     if isinstance(target, Board):
         q = np.column_stack([rng.uniform(-0.45, 0.45, (n, 2)), np.zeros(n)])
     else:
-        sensor, r = geometry.inverse(T)[:3, 3], target.radius
+        sensor, r = se3.inverse(T)[:3, 3], target.radius
         around = np.arctan2(sensor[2], sensor[1]) + rng.uniform(-1.0, 1.0, n)
         along = rng.uniform(-0.37, 0.37, n)
         q = np.column_stack([along, r * np.cos(around), r * np.sin(around)])
-    p = geometry.transform(T, q)
+    p = se3.transform(T, q)
     ring = np.argsort(np.argsort(p[:, 2])) * RINGS // n
     longer = noise * RANGE * rng.normal(size=n) + world.too_long[ring]
     p = p * (1 + longer / np.linalg.norm(p, axis=1))[:, None]
@@ -140,10 +148,10 @@ def _crossings(rng, target, T, k, noise, n=6):
     share = rng.uniform(0.1, 0.9, (4, n, 1))
     ends = target.edges()[:, :, None]
     q = (ends[:, 0] + share * (ends[:, 1] - ends[:, 0])).reshape(-1, 3)
-    p = geometry.transform(T, q)
+    p = se3.transform(T, q)
     ray = p / np.linalg.norm(p, axis=1)[:, None]
     turn = STEP * noise * rng.uniform(-0.5, 0.5, len(ray))
-    ray = (geometry.so3_exp(turn[:, None] * [0.0, 0, 1]) @ ray[..., None])[..., 0]
+    ray = (se3.so3_exp(turn[:, None] * [0.0, 0, 1]) @ ray[..., None])[..., 0]
     return _table("edge", k, np.arange(len(ray)), STEP / np.sqrt(12), xyz=ray)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import runs
-from calib import geometry
+from calib.geometry import se3
 
 NOISE = (
     "--range-noise-m 0.01 --image-noise 1.8 --mcs-noise-m 0.00015 --mcs-noise-deg 0.02"
@@ -23,7 +23,7 @@ def errors(folder):
     for name, sensor in found.items():
         T = np.array(truth[name]["T_robot_sensor"]["matrix"])
         T_found = np.array(sensor["T_robot_sensor"]["matrix"])
-        out[name] = geometry.se3_log(geometry.inverse(T) @ T_found), np.array(sensor["covariance"])
+        out[name] = se3.se3_log(se3.inverse(T) @ T_found), np.array(sensor["covariance"])
     return out
 
 
@@ -49,7 +49,7 @@ def noisy(tmp_path_factory):
 def test_the_first_guess_is_off_by_centimetres_and_degrees(exact):
     for sensor in json.loads((exact / "truth.json").read_text())["sensors"].values():
         guess, true = (np.array(sensor[k]["matrix"]) for k in ("guess", "T_robot_sensor"))
-        millimetres, degrees = size(geometry.se3_log(geometry.inverse(true) @ guess))
+        millimetres, degrees = size(se3.se3_log(se3.inverse(true) @ guess))
         assert millimetres > 5 and degrees > 1
 
 

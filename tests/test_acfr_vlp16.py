@@ -8,7 +8,8 @@ import pytest
 
 import runs
 import solve
-from calib import geometry, tables
+from calib.geometry import se3
+from calib.io import parquet_tables, table_schemas
 from shared import shared_data
 
 HOME = "results/car"
@@ -37,9 +38,11 @@ def pose(result, sensor):
 def without_outlines(run, tmp_path_factory):
     """solution.json of the same data without the crossings of the board's outline."""
     given, out = runs.commands(run)["solve", ""], tmp_path_factory.mktemp("without")
-    pairs, meta, notes = tables.read(run / given[given.index("--pairs") + 1], tables.PAIRS)
-    kept = tables.select(pairs, np.asarray(pairs["kind"]) != "edge")
-    tables.write(out / "pairs.parquet", tables.PAIRS, kept, meta, notes)
+    pairs, meta, notes = parquet_tables.read(
+        run / given[given.index("--pairs") + 1], table_schemas.PAIRS
+    )
+    kept = parquet_tables.select(pairs, np.asarray(pairs["kind"]) != "edge")
+    parquet_tables.write(out / "pairs.parquet", table_schemas.PAIRS, kept, meta, notes)
     paths = {f"--{k}": out / k for k in ("solution", "residuals", "iterations")}
     for flag, path in (paths | {"--pairs": out / "pairs.parquet"}).items():
         given[given.index(flag) + 1] = str(path)
@@ -60,30 +63,30 @@ def test_every_placement_serves_both_sensors(result):
 def test_the_camera_is_the_robot_to_3_mm_and_0_05_deg(result):
     T = pose(result, "camera")
     assert np.linalg.norm(T[:3, 3]) < 0.003
-    assert np.degrees(geometry.angle(T)) < 0.05
+    assert np.degrees(se3.angle(T)) < 0.05
 
 
 def test_the_lidar_is_within_2_5_standard_deviations_of_the_published_mean(result):
     published = json.loads((shared_data("acfr_vlp16") / "published.json").read_text())
     T_published = np.array(published["T_robot_lidar"])
-    error = geometry.inverse(T_published) @ pose(result, "velodyne")
-    degrees = np.degrees(geometry.so3_log(error[:3, :3]))
+    error = se3.inverse(T_published) @ pose(result, "velodyne")
+    degrees = np.degrees(se3.so3_log(error[:3, :3]))
     assert (np.abs(error[:3, 3]) < 2.5 * np.array(published["sd_m_in_lidar_axes"])).all()
     assert (np.abs(degrees) < 2.5 * np.array(published["sd_deg"])).all()
 
 
 def test_the_published_mean_is_within_3_sigma_widened_by_the_published_spread(result):
     published = json.loads((shared_data("acfr_vlp16") / "published.json").read_text())
-    off = geometry.inverse(np.array(published["T_robot_lidar"])) @ pose(result, "velodyne")
+    off = se3.inverse(np.array(published["T_robot_lidar"])) @ pose(result, "velodyne")
     spread = np.concatenate([published["sd_m_in_lidar_axes"], np.radians(published["sd_deg"])])
     sigma = np.sqrt(np.diag(result["sensors"]["velodyne"]["covariance"]))
-    assert (np.abs(geometry.se3_log(off)) < 3 * np.hypot(sigma, spread)).all()
+    assert (np.abs(se3.se3_log(off)) < 3 * np.hypot(sigma, spread)).all()
 
 
 def test_without_outlines_the_lidar_moves_by_its_sigma_at_most(result, without_outlines):
     """Each of the six numbers, and all together. The two disagree by 3 cm and 1°, see below."""
-    moved = geometry.inverse(pose(result, "velodyne")) @ pose(without_outlines, "velodyne")
-    xi, spread = geometry.se3_log(moved), np.array(result["sensors"]["velodyne"]["covariance"])
+    moved = se3.inverse(pose(result, "velodyne")) @ pose(without_outlines, "velodyne")
+    xi, spread = se3.se3_log(moved), np.array(result["sensors"]["velodyne"]["covariance"])
     assert (np.abs(xi) < np.sqrt(np.diag(spread))).all()
     assert xi @ np.linalg.solve(spread, xi) < 6
 
@@ -95,7 +98,7 @@ def test_what_the_lidar_does_wrong_is_estimated_and_named(result):
 
 
 def test_the_median_distance_to_the_board_is_at_most_12_mm(run):
-    residuals, _, _ = tables.read(run / HOME / "residuals.parquet", tables.RESIDUALS)
+    residuals, _, _ = parquet_tables.read(run / HOME / "residuals.parquet", table_schemas.RESIDUALS)
     surface = (residuals["kind"] == "surface") & (residuals["weight"] > 0)
     assert np.median(np.abs(residuals["value"][surface, 0])) <= 0.012
 

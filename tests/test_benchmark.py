@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,30 +10,29 @@ import pytest
 import yaml
 
 import benchmark
-from calib import geometry, given, reference, targets
-from calib.benchmark import (
-    chart,
-    cost,
-    coverage,
-    fuzz,
-    fuzz_page,
-    ingest,
-    measure,
-    page,
-    plan,
-    rows,
-    statistics,
-    statistics_page,
+from benchmarking.accuracy import (
+    accuracy_cases,
+    covariance_coverage,
+    cramer_rao_bound,
+    draw_statistics,
+    error_metrics,
+    simulation_plan,
 )
-from calib.benchmark.text import Section
-from calib.rig import Lidar
+from benchmarking.decode_cost import decode_cost, process_cost
+from benchmarking.fuzzing import fuzzing_page, run_cases
+from benchmarking.page import benchmark_page, error_chart, statistics_tables
+from benchmarking.page.markdown import Section
+from calib.estimation import estimation_problem
+from calib.geometry import se3
+from calib.sensors.lidar.lidar_model import Lidar
+from calib.targets import target_shapes
 
 ROOT = Path(__file__).parents[1]
-T = geometry.from_rpy([0.2, -0.1, 0.6], [0.1, -0.2, 0.3])
+T = se3.from_rpy([0.2, -0.1, 0.6], [0.1, -0.2, 0.3])
 
 
 def row(key):
-    return next(r for r in rows.ROWS if r.key == key)
+    return next(r for r in accuracy_cases.ROWS if r.key == key)
 
 
 def sensor(T_found, covariance):
@@ -47,62 +47,64 @@ def sensor(T_found, covariance):
 def test_an_error_is_the_norm_of_the_shift_and_the_geodesic_angle():
     found = T.copy()
     found[:3, 3] += [0.001, -0.002, 0.002]
-    found[:3, :3] = T[:3, :3] @ geometry.so3_exp(np.radians([0.3, 0.0, -0.4]))
-    assert measure.error(T, found) == pytest.approx((3.0, 0.5))
+    found[:3, :3] = T[:3, :3] @ se3.so3_exp(np.radians([0.3, 0.0, -0.4]))
+    assert error_metrics.error(T, found) == pytest.approx((3.0, 0.5))
 
 
 def test_two_rotations_of_one_angle_about_different_axes_are_not_alike():
-    a, b = (geometry.pose(geometry.so3_exp(w)) for w in ([0.1, 0, 0], [0, 0.1, 0]))
-    assert measure.error(a, b)[1] > 5
+    a, b = (se3.pose(se3.so3_exp(w)) for w in ([0.1, 0, 0], [0, 0.1, 0]))
+    assert error_metrics.error(a, b)[1] > 5
 
 
 def test_nees_of_an_error_of_one_sigma_in_every_direction_is_1():
     sigma = np.array([1, 2, 3, 4, 5, 6]) * 1e-4
-    found = T @ geometry.se3_exp(-sigma)
-    assert measure.nees(T, found, np.diag(sigma**2)) == pytest.approx(1.0)
+    found = T @ se3.se3_exp(-sigma)
+    assert error_metrics.nees(T, found, np.diag(sigma**2)) == pytest.approx(1.0)
 
 
 def test_a_line_is_the_root_mean_square_of_its_logs_and_keeps_what_was_lost():
-    reasons = [measure.Outcome("", (e, e / 10), (1, 1), 1.0, (2, 2)) for e in (3.0, 4.0)]
-    reasons.append(measure.Outcome("no view"))
-    line = measure.line(row("diamond-lidar-noisy"), 30, "surface", reasons)
+    reasons = [error_metrics.Outcome("", (e, e / 10), (1, 1), 1.0, (2, 2)) for e in (3.0, 4.0)]
+    reasons.append(error_metrics.Outcome("no view"))
+    line = error_metrics.line(row("diamond-lidar-noisy"), 30, "surface", reasons)
     assert line.error == pytest.approx((12.5**0.5, 12.5**0.5 / 10))
     assert line.worst == pytest.approx(2.0) and line.lost == ("no view",) and line.logs == 2
 
 
 def test_a_sensor_without_a_pose_is_a_reason_not_a_number():
     lost = {"T_robot_sensor": None, "covariance": None, "status": {"reason": "saw nothing"}}
-    assert measure.outcome(lost, T, (1, 1), np.nan).reason == "saw nothing"
+    assert error_metrics.outcome(lost, T, (1, 1), np.nan).reason == "saw nothing"
 
 
 # --- rows
 
 
 def test_every_accuracy_row_of_the_goals_has_its_line_at_every_n():
-    asked = {(r.key, n) for r in rows.ROWS for n in r.counts}
+    asked = {(r.key, n) for r in accuracy_cases.ROWS for n in r.counts}
     lidar = {"diamond-lidar", "cylinder-lidar", "diamond-lidar-noisy", "cylinder-lidar-noisy"}
     expected = {(k, n) for k in lidar | {"diamond-camera"} for n in (30, 15, 5)}
     assert asked == expected | {("cylinder-camera", n) for n in (10, 5)}
 
 
 def test_every_row_is_measured_by_the_default_method_and_lidars_by_points_too():
-    for r in rows.ROWS:
-        assert r.methods[0] == rows.DEFAULT
+    for r in accuracy_cases.ROWS:
+        assert r.methods[0] == accuracy_cases.DEFAULT
         assert "points" in r.methods or r.key == "diamond-camera"
         assert r.goal is None or set(r.goal) == set(r.counts)
 
 
 def test_quick_takes_the_smallest_n_of_every_row_once():
-    quick = rows.cases(quick=True)
-    assert {(c.row.key, c.n) for c in quick} == {(r.key, min(r.counts)) for r in rows.ROWS}
+    quick = accuracy_cases.cases(quick=True)
+    assert {(c.row.key, c.n) for c in quick} == {
+        (r.key, min(r.counts)) for r in accuracy_cases.ROWS
+    }
     assert {c.seed for c in quick} == {1}
-    assert len({c.name for c in rows.cases(False)}) == len(rows.cases(False))
+    assert len({c.name for c in accuracy_cases.cases(False)}) == len(accuracy_cases.cases(False))
 
 
 def test_names_of_cases_are_names_that_a_config_may_hold():
     schema = yaml.safe_load((ROOT / "workflow/schemas/config.schema.yaml").read_text())
     pattern = re.compile(schema["$defs"]["name"]["pattern"])
-    for case in rows.cases(False):
+    for case in accuracy_cases.cases(False):
         assert pattern.match(case.name) and pattern.match(case.target)
 
 
@@ -123,7 +125,7 @@ SIMULATED = {
 @pytest.fixture
 def logs(tmp_path):
     """Folders as simulate.py leaves them, without a log's content."""
-    for name in plan.simulations(rows.cases(True), 10, 1):
+    for name in simulation_plan.simulations(accuracy_cases.cases(True), 10, 1):
         files = {"rigs/sim.yaml": SIMULATED, "truth.json": {"secret": 1}}
         for target in ("board", "cylinder"):
             path = ROOT / f"config/targets/{target}.yaml"
@@ -138,7 +140,7 @@ def logs(tmp_path):
 
 
 def test_the_config_of_the_run_holds_guesses_and_no_word_of_the_truth(logs, tmp_path):
-    cases = rows.cases(True)
+    cases = accuracy_cases.cases(True)
     benchmark.write_config(tmp_path / "run", logs, cases)
     files = list((tmp_path / "run").rglob("*.yaml"))
     assert len(files) == 1 + len(cases) + len({c.target for c in cases})
@@ -151,7 +153,7 @@ def test_the_config_of_the_run_holds_guesses_and_no_word_of_the_truth(logs, tmp_
 
 
 def test_guesses_are_off_by_as_much_as_the_goals_ask():
-    for arguments in plan.simulations(rows.cases(False), 30, 2).values():
+    for arguments in simulation_plan.simulations(accuracy_cases.cases(False), 30, 2).values():
         at = arguments.index("--guess-error-m")
         assert arguments[at : at + 4] == ["--guess-error-m", "0.03", "--guess-error-deg", "5"]
 
@@ -164,21 +166,21 @@ decode took 3.21 s, 2.90 s CPU, 212 MB
 
 
 def test_costs_add_up_over_the_jobs_of_a_stage_and_keep_the_largest_memory():
-    found = cost.costs([LOG, "decode took 1.00 s, 0.50 s CPU, 300 MB\n", "no such line"])
-    assert found == {"decode": cost.Cost(2, 4.21, 3.4, 300)}
+    found = process_cost.costs([LOG, "decode took 1.00 s, 0.50 s CPU, 300 MB\n", "no such line"])
+    assert found == {"decode": process_cost.Cost(2, 4.21, 3.4, 300)}
 
 
 def test_costs_come_in_the_order_in_which_the_data_flow():
     texts = [f"{stage} took 1.0 s, 1.0 s CPU, 1 MB\n" for stage in ("solve", "gate", "decode")]
-    assert list(cost.costs(texts)) == ["decode", "gate", "solve"]
+    assert list(process_cost.costs(texts)) == ["decode", "gate", "solve"]
 
 
 # --- the page
 
 
 def made_up(key, n, error, method="surface", reference=(0.1, 0.01), **more):
-    outcome = measure.Outcome("", error, (0.1, 0.01), more.pop("nees", 1.0), reference)
-    return measure.line(row(key), n, method, [outcome])
+    outcome = error_metrics.Outcome("", error, (0.1, 0.01), more.pop("nees", 1.0), reference)
+    return error_metrics.line(row(key), n, method, [outcome])
 
 
 def drawn(factor, count=100, size=1.0):
@@ -188,16 +190,22 @@ def drawn(factor, count=100, size=1.0):
     reference = np.diag(np.repeat([1e-4, 2e-4], 3) ** 2)
     told = size**2 * reference
     errors = factor * rng.multivariate_normal(np.zeros(6), told, count)
-    draws = [statistics.Draw(error, told) for error in errors]
-    return statistics.statistics(draws, reference, 4 * reference)
+    draws = [draw_statistics.Draw(error, told) for error in errors]
+    return draw_statistics.statistics(draws, reference, 4 * reference)
 
 
-RUN = cost.Speed("1 lidar", {"solve": cost.Cost(1, 2.5, 2, 90)}, 11.0, 2.0, [(20, 95), (300, 97)])
-COVERED = coverage.Coverage("lidar", 1000, {"velodyne": 0.95}, {"velodyne": 1.0}, {"velodyne": 6})
-INGESTED = ingest.Row("zstd", 1e10, 36000, cost.Cost(1, 9, 8, 510), cost.Cost(1, 5, 4, 30))
+RUN = process_cost.Speed(
+    "1 lidar", {"solve": process_cost.Cost(1, 2.5, 2, 90)}, 11.0, 2.0, [(20, 95), (300, 97)]
+)
+COVERED = covariance_coverage.Coverage(
+    "lidar", 1000, {"velodyne": 0.95}, {"velodyne": 1.0}, {"velodyne": 6}
+)
+INGESTED = decode_cost.Row(
+    "zstd", 1e10, 36000, process_cost.Cost(1, 9, 8, 510), process_cost.Cost(1, 5, 4, 30)
+)
 INPUTS = [
-    fuzz.Outcome("config", 1, "refused", "no name", 0.02, 120.0),
-    fuzz.Outcome("hostile log", 7, "broken", "Traceback\nKeyError: 'x'\n", 2.5, 640.0),
+    run_cases.Outcome("config", 1, "refused", "no name", 0.02, 120.0),
+    run_cases.Outcome("hostile log", 7, "broken", "Traceback\nKeyError: 'x'\n", 2.5, 640.0),
 ]
 FOUND = ({("diamond-lidar-noisy", 15): drawn(1.0)}, [COVERED], {"camera": drawn(1.0, 20)})
 
@@ -209,19 +217,22 @@ def cells(text, n=0):
 
 
 def test_the_table_states_error_goal_their_ratio_and_what_others_reach():
-    found = cells(page.accuracy([made_up("diamond-lidar", 5, (0.002, 0.0001))]))
+    found = cells(benchmark_page.accuracy([made_up("diamond-lidar", 5, (0.002, 0.0001))]))
     assert found["error"] == "0.002 mm 0.0001°" and found["goal"] == "0.001 mm 0.0001°"
     assert found["error / goal"] == "2 1" and found["paper"] == "0.3 mm 0.0038°"
 
 
 def test_one_log_with_noise_is_shown_but_held_to_no_goal():
     line = made_up("diamond-camera", 5, (9.0, 9.0))
-    assert cells(page.accuracy([line]))["goal"] == "–" and page.short_of(line) == []
+    assert (
+        cells(benchmark_page.accuracy([line]))["goal"] == "–"
+        and benchmark_page.short_of(line) == []
+    )
 
 
 def test_what_is_not_reached_is_said_with_its_factor_and_nothing_else_is():
     missed = made_up("diamond-lidar", 30, (0.003, 0.00005))
-    text = page.missed([missed], RUN, FOUND, [Section("x", "", ["all else fails"])])
+    text = benchmark_page.missed([missed], RUN, FOUND, [Section("x", "", ["all else fails"])])
     assert "* all else fails." in text
     assert "N = 30: 0.003 mm is 3 × the goal, 0.001 mm" in text
     assert "°" not in text.split("N = 30")[1].splitlines()[0]
@@ -230,17 +241,17 @@ def test_what_is_not_reached_is_said_with_its_factor_and_nothing_else_is():
 
 def test_the_baseline_is_shown_but_not_held_to_the_goals():
     line = made_up("diamond-lidar", 5, (5.0, 0.6), method="points, corners")
-    assert page.short_of(line) == [] and "5 mm 0.6°" in page.accuracy([line])
+    assert benchmark_page.short_of(line) == [] and "5 mm 0.6°" in benchmark_page.accuracy([line])
 
 
 def test_the_page_holds_all_parts_and_the_chart_is_the_same_bytes_twice():
     lines = [made_up("diamond-lidar", 5, (5.0, 0.6)), made_up("diamond-lidar-noisy", 15, (0.1, 1))]
-    sections = ingest.section([INGESTED]), fuzz_page.section(INPUTS)
-    text = page.whole(lines, RUN, FOUND, sections, quick=True)
+    sections = decode_cost.section([INGESTED]), fuzzing_page.section(INPUTS)
+    text = benchmark_page.whole(lines, RUN, FOUND, sections, quick=True)
     assert "make benchmark-quick" in text and "95 MB on a log of 20 MB" in text
-    found = cells(ingest.ingest([INGESTED]))
+    found = cells(decode_cost.ingest([INGESTED]))
     assert (found["MB/s"], found["decode / reader |"]) == ("2500", "2 |")
-    assert ingest.ingest([INGESTED]) in text
+    assert decode_cost.ingest([INGESTED]) in text
     assert "decode of 10 GB, chunks zstd: 2 × mcap's own reader, goal 1.5 ×" in text
     assert "decode of 10 GB, chunks zstd: 510 MB, goal 500 MB" in text
     assert (
@@ -248,7 +259,7 @@ def test_the_page_holds_all_parts_and_the_chart_is_the_same_bytes_twice():
     )
     assert "took 2.5 s" in text and "* damaged input took 640 MB, goal 500 MB." in text
     assert "* 1 cases of damaged input broke, first 7: KeyError: 'x'." in text
-    assert chart.svg(lines, FOUND[0]) == chart.svg(lines, FOUND[0])
+    assert error_chart.svg(lines, FOUND[0]) == error_chart.svg(lines, FOUND[0])
 
 
 # --- many draws
@@ -256,7 +267,7 @@ def test_the_page_holds_all_parts_and_the_chart_is_the_same_bytes_twice():
 
 def test_draws_as_their_sigma_says_have_nees_1_in_its_band_and_95_percent_hold():
     found = drawn(1.0, 2000)
-    low, high = statistics.band(2000)
+    low, high = draw_statistics.band(2000)
     assert low < found.nees < high and high - low == pytest.approx(
         4 * (2 / (6 * 2000)) ** 0.5, 0.03
     )
@@ -272,55 +283,60 @@ def test_the_share_above_twice_the_reference_is_that_of_an_efficient_estimator()
 
 def test_a_shift_of_a_sigma_that_no_draw_shows_alone_is_seen_in_their_mean():
     rng, one = np.random.default_rng(1), np.eye(6)
-    shifted = [statistics.Draw(x + [0.5, 0, 0, 0, 0, 0], one) for x in rng.normal(size=(100, 6))]
-    found = statistics.statistics(shifted, one, one)
+    shifted = [
+        draw_statistics.Draw(x + [0.5, 0, 0, 0, 0, 0], one) for x in rng.normal(size=(100, 6))
+    ]
+    found = draw_statistics.statistics(shifted, one, one)
     assert found.nees < 1.15 and found.shift > 3
 
 
 def test_draws_are_held_against_the_reference_and_their_covariance():
     bad = {("diamond-lidar-noisy", 15): drawn(2.0)}
-    said = statistics_page.short_of(bad, [], {})
+    said = statistics_tables.short_of(bad, [], {})
     assert any("1.15 × the reference" in s for s in said)
     assert any("err by more than 2 ×" in s and "efficient estimator" in s for s in said)
     assert any("NEES over its degrees of freedom is" in s for s in said)
-    good = statistics_page.short_of({("diamond-lidar-noisy", 15): drawn(1.0)}, [], {})
+    good = statistics_tables.short_of({("diamond-lidar-noisy", 15): drawn(1.0)}, [], {})
     assert all("err by more than 2 ×" in s for s in good) and len(good) == 1
 
 
 def test_ellipsoids_that_hold_too_seldom_are_said_where_chance_does_not_explain_it():
     def said(count, held):
-        found = coverage.Coverage("lidar", count, {"a": held}, {"a": 1.0}, {"a": 6})
-        return statistics_page.short_of({}, [found], {})
+        found = covariance_coverage.Coverage("lidar", count, {"a": held}, {"a": 1.0}, {"a": 6})
+        return statistics_tables.short_of({}, [found], {})
 
     assert said(1000, 0.94) == [] and said(40, 0.9) == []
     assert "hold 92 %, goal 93 % to 97 %" in said(1000, 0.92)[0] and len(said(40, 0.8)) == 1
 
 
 def test_a_draw_without_a_pose_is_counted_not_averaged():
-    draws = [statistics.Draw(None, None), statistics.Draw(np.full(6, 1e-4), 1e-8 * np.eye(6))]
-    found = statistics.statistics(draws, 1e-8 * np.eye(6), 1e-8 * np.eye(6))
+    draws = [
+        draw_statistics.Draw(None, None),
+        draw_statistics.Draw(np.full(6, 1e-4), 1e-8 * np.eye(6)),
+    ]
+    found = draw_statistics.statistics(draws, 1e-8 * np.eye(6), 1e-8 * np.eye(6))
     assert (found.count, found.lost) == (1, 1) and np.isfinite(found.rms).all()
-    text = statistics_page.drawn({("diamond-camera", 5): found})
+    text = statistics_tables.drawn({("diamond-camera", 5): found})
     assert cells(text)["draws"] == "1 of 2"
 
 
 def test_the_table_of_draws_states_both_references_and_both_shares():
-    found = cells(statistics_page.drawn(FOUND[0]))
+    found = cells(statistics_tables.drawn(FOUND[0]))
     assert found["reference"] == "0.17 mm 0.02°" and found["without outlines"] == "0.35 mm 0.04°"
     assert found["goal"] == "0.2 mm 0.023°" and "%" in found["above 2 ×"]
 
 
 def test_every_row_with_noise_is_drawn_from_a_recording_that_the_run_makes():
-    cases = set(c.name for c in rows.cases(True))
-    for r in rows.ROWS:
-        source = rows.source(r, r.counts[-1])
+    cases = set(c.name for c in accuracy_cases.cases(True))
+    for r in accuracy_cases.ROWS:
+        source = accuracy_cases.source(r, r.counts[-1])
         assert (source is None) == r.exact
         assert source is None or (source.name in cases and source.row.sensor == r.sensor)
 
 
 # --- the reference
 
-BOARD = targets.from_config(
+BOARD = target_shapes.from_config(
     {"shape": "board", "outline_m": [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]}
     | {"thickness_m": 0.0}
 )
@@ -334,20 +350,20 @@ def hand_made():
     lidar = Lidar(0.003, 0.03, None, None, (0.3, 100), RANGE_SIGMA)
     places, groups = [], []
     for k, tilt in enumerate(([0.2, -1.3, 0.1], [-0.3, -1.8, 0.3], [0.6, -1.5, -0.5])):
-        T_sensor_target = geometry.pose(geometry.so3_exp(tilt), [2.0, 0.3 * k, 0.1])
-        body = geometry.se3_exp([0.01, 0.02, 0, 0, 0.1, 0])
-        T_robot_body = T @ T_sensor_target @ geometry.inverse(body)
-        places.append(given.Placement("s", "board", T_robot_body, body, SIGMA))
+        T_sensor_target = se3.pose(se3.so3_exp(tilt), [2.0, 0.3 * k, 0.1])
+        body = se3.se3_exp([0.01, 0.02, 0, 0, 0.1, 0])
+        T_robot_body = T @ T_sensor_target @ se3.inverse(body)
+        places.append(estimation_problem.Placement("s", "board", T_robot_body, body, SIGMA))
         flat = np.column_stack([rng.uniform(-0.4, 0.4, (40, 2)), np.zeros(40)])
         keypoints = {
-            "xyz": geometry.transform(T_sensor_target, flat),
+            "xyz": se3.transform(T_sensor_target, flat),
             "sigma": np.full(40, RANGE_SIGMA),
             "view": np.zeros(40, int),
             "index": np.zeros(40, int),
         }
-        groups.append(given.Group("lidar", k, "surface", keypoints))
+        groups.append(estimation_problem.Group("lidar", k, "surface", keypoints))
     models, shapes = {"lidar": lidar}, {"board": BOARD}
-    return given.Setup(models, shapes, places, groups, OPTIONS, {})
+    return estimation_problem.Setup(models, shapes, places, groups, OPTIONS, {})
 
 
 def residuals(setup, x):
@@ -356,11 +372,11 @@ def residuals(setup, x):
     for g in setup.groups:
         place = setup.placements[g.placement]
         y = x[6 + 12 * g.placement :][:12].reshape(2, 6) * SIGMA
-        robot, body = geometry.se3_exp(y)
-        T_robot_target = geometry.inverse(robot) @ place.T_robot_body @ body @ place.T_body_target
-        p_robot = geometry.transform(T @ geometry.se3_exp(x[:6]), g.keypoints["xyz"])
-        p = geometry.transform(geometry.inverse(T_robot_target), p_robot)
-        origin = geometry.transform(geometry.inverse(T_robot_target), T[:3, 3])
+        robot, body = se3.se3_exp(y)
+        T_robot_target = se3.inverse(robot) @ place.T_robot_body @ body @ place.T_body_target
+        p_robot = se3.transform(T @ se3.se3_exp(x[:6]), g.keypoints["xyz"])
+        p = se3.transform(se3.inverse(T_robot_target), p_robot)
+        origin = se3.transform(se3.inverse(T_robot_target), T[:3, 3])
         cosine = (origin[2] - p[:, 2]) / np.linalg.norm(p - origin, axis=1)
         out.append(p[:, 2] / (RANGE_SIGMA * cosine))
     return np.concatenate(out)
@@ -371,18 +387,17 @@ def test_the_reference_is_the_inverse_information_by_finite_differences():
     steps = h * np.eye(42)
     J = np.column_stack([(residuals(setup, s) - residuals(setup, -s)) / (2 * h) for s in steps])
     expected = np.linalg.inv(J.T @ J)[:6, :6]
-    found = reference.evaluate(setup, {"lidar": T}, RANGE_SIGMA)
+    found = cramer_rao_bound.evaluate(setup, {"lidar": T}, RANGE_SIGMA)
     whole = found.covariance["lidar"]
     assert whole == pytest.approx(expected, rel=0.01, abs=1e-3 * expected.max())
-    assert measure.spread(whole) == pytest.approx(measure.spread(expected), rel=1e-3)
+    assert error_metrics.spread(whole) == pytest.approx(error_metrics.spread(expected), rel=1e-3)
     assert found.sigma["lidar", "surface"] == pytest.approx(RANGE_SIGMA)
 
 
 def test_four_times_the_noise_of_everything_is_four_times_the_reference():
     setup = hand_made()
-    near = reference.evaluate(setup, {"lidar": T}, RANGE_SIGMA).covariance
-    louder = [given.Placement(p.session, p.target, p.T_robot_body, p.T_body_target, 4 * SIGMA)
-              for p in setup.placements]  # fmt: skip
-    setup = given.Setup(setup.models, setup.targets, louder, setup.groups, OPTIONS, {})
-    far = reference.evaluate(setup, {"lidar": T}, 4 * RANGE_SIGMA).covariance
+    near = cramer_rao_bound.evaluate(setup, {"lidar": T}, RANGE_SIGMA).covariance
+    louder = [replace(p, sigma=4 * SIGMA) for p in setup.placements]
+    setup = estimation_problem.Setup(setup.models, setup.targets, louder, setup.groups, OPTIONS, {})
+    far = cramer_rao_bound.evaluate(setup, {"lidar": T}, 4 * RANGE_SIGMA).covariance
     assert far["lidar"] == pytest.approx(16 * near["lidar"], rel=1e-6)

@@ -8,8 +8,9 @@ import pytest
 import yaml
 
 import board
-from calib import config, sheet, targets
-from calib.status import InputError
+from calib.io import config
+from calib.io.status import InputError
+from calib.targets import board_pdf, target_shapes
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "config" / "targets" / "board.yaml"
@@ -35,7 +36,7 @@ def written(folder, content):
 
 def laid_out(content, page="custom", turn_deg=0.0):
     block = config.complete("target", content, "small")
-    return sheet.lay_out(targets.from_config(block), "small", page, turn_deg)
+    return board_pdf.lay_out(target_shapes.from_config(block), "small", page, turn_deg)
 
 
 def example(**more):
@@ -58,14 +59,14 @@ def test_a_sheet_has_the_size_of_its_page_upright_or_on_its_side(tmp_path, page,
 
 
 def test_a_millimetre_of_the_drawing_is_a_millimetre_on_the_page():
-    drawn = sheet.figure(example(turn_deg=45))
+    drawn = board_pdf.figure(example(turn_deg=45))
     (ax,) = drawn.axes
     inches = ax.transData.transform([[0, 0], [100, 0], [0, 100]]) / drawn.dpi
     assert inches * 25.4 == pytest.approx(np.array([[0, 0], [100, 0], [0, 100]]), abs=1e-9)
 
 
 def test_squares_have_the_number_and_the_size_of_the_config():
-    patches = sheet.figure(example(turn_deg=45)).axes[0].patches
+    patches = board_pdf.figure(example(turn_deg=45)).axes[0].patches
     black = [p for p in patches if p.get_fill()]
     assert len(black) == 7 * 6 // 2
     for p in black:
@@ -76,9 +77,9 @@ def test_squares_have_the_number_and_the_size_of_the_config():
 
 def test_inner_corners_are_where_squares_meet():
     block = config.complete("target", yaml.safe_load(EXAMPLE.read_text()), EXAMPLE)
-    target = targets.from_config(block)
+    target = target_shapes.from_config(block)
     corners = 1e3 * target.pattern.corners()[:, :2]
-    vertices = sheet.black_squares(target).reshape(-1, 2)
+    vertices = board_pdf.black_squares(target).reshape(-1, 2)
     for corner in corners:
         assert np.sum(np.linalg.norm(vertices - corner, axis=1) < 1e-6) == 2
 
@@ -87,7 +88,7 @@ def test_inner_corners_are_where_squares_meet():
 def test_the_square_at_the_low_end_has_the_stated_colour(first, blacks):
     content = SMALL | {"pattern": SMALL["pattern"] | {"first_square": first}}
     block = config.complete("target", content, "small")
-    squares = sheet.black_squares(targets.from_config(block))
+    squares = board_pdf.black_squares(target_shapes.from_config(block))
     assert len(squares) == blacks
     low = np.any(np.all(np.isclose(squares[:, 0], [-75, -60]), axis=1))
     assert low == (first == "black")
@@ -112,7 +113,7 @@ def test_suggested_markers_lie_off_outline_and_pattern_and_have_no_symmetry():
 
 def test_the_axes_are_shown_between_pattern_and_outline_and_meet_in_the_origin():
     block = config.complete("target", SMALL, "small")
-    strokes = sheet.axis_strokes(targets.from_config(block))
+    strokes = board_pdf.axis_strokes(target_shapes.from_config(block))
     towards = strokes[:, 1] / np.linalg.norm(strokes[:, 1], axis=1)[:, None]
     assert towards == pytest.approx(np.array([[1, 0], [0, 1], [-1, 0], [0, -1]]))
     assert np.abs(strokes[[0, 2], :, 0]).min() >= 75 and np.abs(strokes[..., 0]).max() < 190
@@ -124,7 +125,7 @@ def test_a_printed_coordinate_is_where_its_cross_lies_on_the_target():
     first, second = drawn.markers[:2]
     length = np.linalg.norm(drawn.coordinates[1] - drawn.coordinates[0])
     assert np.linalg.norm(second - first) == pytest.approx(length)
-    labels = {t.get_text() for t in sheet.figure(drawn).axes[0].texts}
+    labels = {t.get_text() for t in board_pdf.figure(drawn).axes[0].texts}
     assert "({:.0f}, {:.0f})".format(*drawn.coordinates[0]) in labels
 
 

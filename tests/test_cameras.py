@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from calib import geometry
-from calib.cameras import MODELS, Camera
-from calib.expressions import ca
+from calib.estimation.nlp.symbolic_chain import ca
+from calib.geometry import se3
+from calib.sensors.camera.camera_model import MODELS, Camera
 from shared import shared_data
 
 F = (400, 410, 319.5, 239.5)
@@ -411,7 +411,7 @@ def test_double_sphere_and_kannala_brandt_of_one_lens_agree_to_0_3_px_rms_per_ax
     rays, pixels = field_of_view()
 
     def off(w):
-        uv, valid = camera.project(rays @ geometry.so3_exp(w).T)
+        uv, valid = camera.project(rays @ se3.so3_exp(w).T)
         assert valid.all()
         return (uv - pixels).reshape(-1)
 

@@ -6,16 +6,17 @@ import cv2
 import numpy as np
 import pytest
 
-from calib import config, geometry, images, targets
-from calib.cameras import Camera
-from calib.status import InputError
+from calib.geometry import se3
+from calib.io import config
+from calib.io.status import InputError
+from calib.sensors.camera.camera_model import Camera
+from calib.sensors.camera.images import image_messages
+from calib.targets import target_shapes
 from calib.targets.patterns.charuco import Charuco
 
 PATTERN = Charuco((5, 7), 0.06, 0.045, "DICT_6X6_250")
 CAMERA = Camera("radtan", (900.0, 900.0, 449.5, 349.5, -0.1, 0.02, 0.0005, -0.0003), (900, 700))
-POSE = geometry.pose(
-    geometry.so3_exp([0.3, -0.2, 0.1]) @ np.diag([1.0, -1, -1]), [0.02, -0.01, 0.8]
-)
+POSE = se3.pose(se3.so3_exp([0.3, -0.2, 0.1]) @ np.diag([1.0, -1, -1]), [0.02, -0.01, 0.8])
 COVERED = 400  # columns
 BLOCK = {
     "body": "b",
@@ -41,7 +42,7 @@ def photographed():
     width, height = CAMERA.size
     fine = (np.arange(4 * max(CAMERA.size)) + 0.5) / 4 - 0.5
     uv = np.stack(np.meshgrid(fine[: 4 * width], fine[: 4 * height]), -1).reshape(-1, 2)
-    T = geometry.inverse(POSE)
+    T = se3.inverse(POSE)
     rays, _ = CAMERA.unproject(uv)
     rays = rays @ T[:3, :3].T
     hit = T[:3, 3] - rays * (T[2, 3] / rays[:, 2])[:, None]
@@ -59,7 +60,7 @@ def test_every_corner_is_found_by_its_own_number_to_a_thirtieth_of_a_pixel():
     """Quadrature of 4 × 4 rays and the cells of the print make up most of the error."""
     found, status = PATTERN.locate(photographed(), CAMERA, np.zeros(2))
     assert status.ok and sorted(found.index) == list(range(24))
-    true, _ = CAMERA.project(geometry.transform(POSE, PATTERN.corners()))
+    true, _ = CAMERA.project(se3.transform(POSE, PATTERN.corners()))
     off = found.uv - true[found.index]
     assert np.sqrt(np.mean(off**2)) < 0.035
 
@@ -69,7 +70,7 @@ def test_a_part_of_the_board_tells_which_part_it_is():
     image[:, :COVERED] = 120
     found, status = PATTERN.locate(image, CAMERA, np.zeros(2))
     assert 6 <= len(found.index) < 24 and "corners not seen" in status.reason
-    true, _ = CAMERA.project(geometry.transform(POSE, PATTERN.corners()))
+    true, _ = CAMERA.project(se3.transform(POSE, PATTERN.corners()))
     assert np.abs(found.uv - true[found.index]).max() < 0.2
 
 
@@ -106,11 +107,11 @@ def test_rows_run_upwards_and_columns_to_the_right_about_the_middle():
 
 def test_its_outline_is_that_of_the_print_unless_stated_and_gives_no_lidar_an_edge():
     block = config.complete("target", BLOCK, "x")
-    board = targets.from_config(block)
+    board = target_shapes.from_config(block)
     np.testing.assert_allclose(np.abs(board.vertices), [[0.15, 0.21]] * 4)
     assert len(board.edges()) == 0
     stated = BLOCK | {"outline_m": [[0.2, 0.3], [-0.2, 0.3], [-0.2, -0.3], [0.2, -0.3]]}
-    assert len(targets.from_config(config.complete("target", stated, "x")).edges()) == 4
+    assert len(target_shapes.from_config(config.complete("target", stated, "x")).edges()) == 4
 
 
 @pytest.mark.parametrize(
@@ -131,5 +132,5 @@ def test_a_checkerboard_still_needs_an_outline():
 
 def test_colour_images_are_read_alike():
     grey = photographed()
-    again = images.grey(np.repeat(grey[..., None], 3, -1))
+    again = image_messages.grey(np.repeat(grey[..., None], 3, -1))
     np.testing.assert_array_equal(again, grey)

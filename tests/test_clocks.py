@@ -6,24 +6,17 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib import (
-    chain,
-    clocks,
-    estimation,
-    geometry,
-    given,
-    mocap,
-    motion,
-    refinement,
-    tracking,
-    wander,
-)
-from calib.information import covariance
-from calib.mocap import NS, Trajectory
+from calib.diagnosis import model_selection
+from calib.estimation import estimate_state, estimation_problem, pose_chain, solver
+from calib.estimation.corrections import clock_drift, clock_offset
+from calib.estimation.nlp.information_matrix import covariance
+from calib.geometry import se3
+from calib.mocap import body_trajectory, moving_pose_fit
+from calib.mocap.body_trajectory import NS, Trajectory
 from synthetic import TRUE, setup
 
 RATE = 100  # Hz of the MCS
-START = {n: T @ geometry.se3_exp(np.full(6, 0.005)) for n, T in TRUE.items()}
+START = {n: T @ se3.se3_exp(np.full(6, 0.005)) for n, T in TRUE.items()}
 STILL = [("board", None)] * 8
 NONE = np.zeros((2, 6))
 FACTOR = 0.55  # σ of a pose between the samples over that of one of them
@@ -34,9 +27,7 @@ def swinging(seed, k, centre, seconds=1.0):
     rng = np.random.default_rng([seed, k])
     size = np.repeat([0.1, 0.12], 3) * rng.uniform(0.5, 1, 6)
     rate, phase = rng.uniform(2, 4, 6), rng.uniform(0, 2 * np.pi, 6)
-    return lambda t: (
-        centre @ geometry.se3_exp(size * np.sin(rate * np.asarray(t)[..., None] + phase))
-    )
+    return lambda t: centre @ se3.se3_exp(size * np.sin(rate * np.asarray(t)[..., None] + phase))
 
 
 def trajectory(path, rng=None, noise=0.0, late=0.0, bias=NONE):
@@ -47,7 +38,7 @@ def trajectory(path, rng=None, noise=0.0, late=0.0, bias=NONE):
     if rng is not None:
         errors = noise * synthetic.MCS_SIGMA * rng.normal(size=(2, len(t), 6))
         errors += np.reshape(bias, (2, 1, 6))
-        T = geometry.se3_exp(errors[0]) @ T @ geometry.se3_exp(errors[1])
+        T = se3.se3_exp(errors[0]) @ T @ se3.se3_exp(errors[1])
     return Trajectory(np.round((t + late) * NS).astype(np.int64), T, round(0.05 * NS))
 
 
@@ -57,20 +48,21 @@ def trajectory(path, rng=None, noise=0.0, late=0.0, bias=NONE):
 @pytest.mark.parametrize("t", [-0.2004, 0.0, 0.013, 0.3333])
 def test_pose_and_velocity_between_samples_are_those_of_the_path_to_10_micrometres(t):
     path = swinging(0, 0, TRUE["lidar"])
-    found = motion.fit(trajectory(path), round(t * NS))
-    off = geometry.se3_log(geometry.inverse(path(t)) @ found.T)
+    found = moving_pose_fit.fit(trajectory(path), round(t * NS))
+    off = se3.se3_log(se3.inverse(path(t)) @ found.T)
     h = 1e-5
-    velocity = geometry.se3_log(geometry.inverse(path(t - h)) @ path(t + h)) / (2 * h)
+    velocity = se3.se3_log(se3.inverse(path(t - h)) @ path(t + h)) / (2 * h)
     assert np.abs(off).max() < 1e-5
     assert np.abs(found.velocity - velocity).max() < 2e-3 * np.abs(velocity).max()
 
 
 def test_the_pose_is_smooth_in_time_where_samples_come_and_go():
     fits = [
-        motion.fit(trajectory(swinging(0, 1, np.eye(4))), t) for t in range(0, 20_000_000, 100_000)
+        moving_pose_fit.fit(trajectory(swinging(0, 1, np.eye(4))), t)
+        for t in range(0, 20_000_000, 100_000)
     ]
-    steps = geometry.se3_log(
-        np.array([geometry.inverse(a.T) @ b.T for a, b in zip(fits, fits[1:], strict=False)])
+    steps = se3.se3_log(
+        np.array([se3.inverse(a.T) @ b.T for a, b in zip(fits, fits[1:], strict=False)])
     )
     assert (
         np.linalg.norm(np.diff(steps, axis=0), axis=1).max()
@@ -80,8 +72,8 @@ def test_the_pose_is_smooth_in_time_where_samples_come_and_go():
 
 def test_the_factor_is_the_noise_of_the_pose_over_that_of_a_sample():
     rng, still = np.random.default_rng(0), lambda t: np.tile(np.eye(4), (len(t), 1, 1))
-    found = [motion.fit(trajectory(still, rng, 1.0), 2_000_000) for _ in range(400)]
-    errors = geometry.se3_log(np.array([f.T for f in found])) / synthetic.MCS_SIGMA / np.sqrt(2)
+    found = [moving_pose_fit.fit(trajectory(still, rng, 1.0), 2_000_000) for _ in range(400)]
+    errors = se3.se3_log(np.array([f.T for f in found])) / synthetic.MCS_SIGMA / np.sqrt(2)
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(found[0].factor, rel=0.05)
     assert found[0].factor == pytest.approx(FACTOR, rel=0.03)
 
@@ -93,8 +85,8 @@ def test_near_a_gap_or_an_end_nothing_is_told(gone):
     keep[gone] = False
     cut = Trajectory(full.t[keep], full.T[keep], full.max_gap)
     at = {30: -0.15, 0: -0.01, 47: -0.01}[gone.start]
-    assert motion.fit(full, round(at * NS)) is not None
-    assert motion.fit(cut, round(at * NS)) is None
+    assert moving_pose_fit.fit(full, round(at * NS)) is not None
+    assert moving_pose_fit.fit(cut, round(at * NS)) is None
 
 
 # --- the offset
@@ -104,30 +96,32 @@ def moving(made, sensor, path, k, seed, late, session="s", begin=0.0, bias=NONE,
     """(Placement, Group) of a view of a board in motion; the MCS's stamps are late by s, and its
     poses of robot and board off by bias (2, 6)."""
     rng = np.random.default_rng([seed, k, 7])
-    T_sensor_robot = geometry.inverse(TRUE[sensor])
+    T_sensor_robot = se3.inverse(TRUE[sensor])
     start = round(begin * NS)
-    place = given.Placement(
+    place = estimation_problem.Placement(
         session, "board", path(0.0), np.eye(4), synthetic.MCS_SIGMA,
-        moving=motion.Moving(
+        moving=moving_pose_fit.Moving(
             sensor, start, trajectory(path, rng, 1.0, late + begin, bias),
             FACTOR * synthetic.MCS_SIGMA,
         ),
     )  # fmt: skip
     if sensor == "camera":
         corners = synthetic.BOARD.pattern.corners()
-        uv, _ = synthetic.CAMERA.project(geometry.transform(T_sensor_robot @ path(0.0), corners))
+        uv, _ = synthetic.CAMERA.project(se3.transform(T_sensor_robot @ path(0.0), corners))
         uv = uv + synthetic.PIXEL * rng.normal(size=uv.shape)
         columns = synthetic._table("corner", k, np.arange(len(uv)), synthetic.PIXEL, uv)
         columns["t"] = np.full(len(uv), start)
-        return place, given.Group(sensor, k, "corner", columns, moving=True)
+        return place, estimation_problem.Group(sensor, k, "corner", columns, moving=True)
     q = np.column_stack([rng.uniform(-0.45, 0.45, (10 * n, 2)), np.zeros(10 * n)])
     t = rng.integers(-15_000_000, 15_000_000, len(q))
     p = np.array(
-        [geometry.transform(T_sensor_robot @ path(s / NS), x) for s, x in zip(t, q, strict=True)]
+        [se3.transform(T_sensor_robot @ path(s / NS), x) for s, x in zip(t, q, strict=True)]
     )
     p *= 1 + (synthetic.RANGE * rng.normal(size=len(q)) / np.linalg.norm(p, axis=1))[:, None]
     columns = synthetic._table("surface", k, np.zeros(len(q), int), synthetic.RANGE, xyz=p)
-    return place, given.Group(sensor, k, "surface", columns | {"t": t + start}, moving=True)
+    return place, estimation_problem.Group(
+        sensor, k, "surface", columns | {"t": t + start}, moving=True
+    )
 
 
 def recorded(late, seed=0, views=25, sensors=("camera", "lidar"), later=0.0, ppm=0.0):
@@ -149,12 +143,12 @@ def recorded(late, seed=0, views=25, sensors=("camera", "lidar"), later=0.0, ppm
             place, group = moving(made, sensor, *seen)
             places.append(place)
             groups.append(group)
-    clock = tuple(clocks.clock(name, 0.1) for name in sensors)
+    clock = tuple(clock_offset.clock(name, 0.1) for name in sensors)
     return replace(made, placements=places, groups=groups, corrections=clock)
 
 
 def solved(made):
-    return estimation.estimate(made, START, 40, 1e-7, 1e-7, 30.0)
+    return solver.estimate(made, START, 40, 1e-7, 1e-7, 30.0)
 
 
 def offset(made, result, name):
@@ -184,8 +178,8 @@ def test_of_many_draws_offsets_and_poses_err_by_their_sigma():
         spread = covariance(result.solution.information)
         for i, name in enumerate(nees):
             value, sigma = offset(made, result, name)
-            T = geometry.inverse(TRUE[name]) @ result.state.T_robot_sensor[name]
-            off, at = geometry.se3_log(T), slice(6 * i, 6 * i + 6)
+            T = se3.inverse(TRUE[name]) @ result.state.T_robot_sensor[name]
+            off, at = se3.se3_log(T), slice(6 * i, 6 * i + 6)
             pose = off @ np.linalg.solve(spread[at, at], off) / 6
             nees[name].append([((value - 0.025) / sigma) ** 2, pose])
     for name, found in nees.items():
@@ -204,7 +198,7 @@ def refined(made, wanted=None):
     groups = [g for g in made.groups if not g.moving]
     bare = replace(made, placements=still, groups=groups, corrections=())
     moving = lambda setup: replace(made, mounts=setup.mounts)  # noqa: E731
-    return refinement.estimate(bare, START, wanted or {}, moving, **LIMITS)
+    return model_selection.estimate(bare, START, wanted or {}, moving, **LIMITS)
 
 
 def test_clocks_that_wander_are_found_with_drift_and_offset_of_every_session():
@@ -214,12 +208,12 @@ def test_clocks_that_wander_are_found_with_drift_and_offset_of_every_session():
     assert np.mean(np.concatenate([a.feature >= 0 for a in seen])) > 0.95
     guess = {"time_offset_s": {"value": 0.1, "sigma": 0.1}}
     for name in ("camera", "lidar"):
-        found = wander.told(name, made, result, guess)
+        found = clock_drift.told(name, made, result, guess)
         for session, late in (("s", 0.12), ("u", 0.124)):
             offset, drift = found[session]["time_offset_s"], found[session]["drift_ppm"]
             assert abs(offset["value"] - late) < 3.5 * offset["sigma"] < 3e-3, (name, session)
             assert abs(drift["value"] - 300) < 3.5 * drift["sigma"] < 250, (name, session)
-        first = clocks.told(name, made, result, guess)["time_offset_s"]
+        first = clock_offset.told(name, made, result, guess)["time_offset_s"]
         assert first["value"] == pytest.approx(found["s"]["time_offset_s"]["value"], abs=1e-12)
 
 
@@ -232,14 +226,14 @@ def test_a_target_whose_poses_come_late_by_a_stream_of_their_own_is_found_with_b
         relative = place.moving.trajectory
         robot = swinging(1, k, np.eye(4))((relative.t - place.moving.t) / NS)
         clock = relative.t + round(0.02 * NS)
-        noise = geometry.se3_exp(0.1 * synthetic.MCS_SIGMA * rng.normal(size=(len(robot), 6)))
+        noise = se3.se3_exp(0.1 * synthetic.MCS_SIGMA * rng.normal(size=(len(robot), 6)))
         body = Trajectory(clock - round(lag * NS), robot @ relative.T @ noise, relative.max_gap)
         apart = Trajectory(clock, robot, relative.max_gap), body
-        moving = replace(place.moving, apart=apart, trajectory=mocap.relative(*apart))
+        moving = replace(place.moving, apart=apart, trajectory=body_trajectory.relative(*apart))
         places[k] = replace(place, moving=moving)
     made, result, _ = refined(replace(made, placements=places))
     assert result.settled
-    found = clocks.streams(made, result)["board"]
+    found = clock_offset.streams(made, result)["board"]
     assert abs(found["value"] - lag) < 3.5 * found["sigma"] < 2e-3
     for name in ("camera", "lidar"):
         value, sigma = offset(made, result, name)
@@ -251,7 +245,7 @@ def test_only_bodies_by_other_topics_than_the_robots_have_a_clock_of_their_own()
     poses |= {"t": np.zeros(0, np.int64), "body": np.zeros(0, str), "fault": np.zeros(0, str)}
     topics = {"robot": ["/a"], "one": ["/b"], "two": ["/a", "/c"]}
     bodies = {"board": "one", "cylinder": "two", "plate": "unheard"}
-    assert list(tracking.apart(poses, "robot", bodies, topics, 0.05)) == ["board"]
+    assert list(body_trajectory.apart(poses, "robot", bodies, topics, 0.05)) == ["board"]
 
 
 def test_clocks_that_keep_time_are_not_said_to_wander():
@@ -260,7 +254,7 @@ def test_clocks_that_keep_time_are_not_said_to_wander():
         made = recorded(0.02, seed, views=12)
         setup, result, _ = refined(made)
         assert result.settled
-        assert all(wander.told(n, setup, result, None) is None for n in ("camera", "lidar"))
+        assert all(clock_drift.told(n, setup, result, None) is None for n in ("camera", "lidar"))
 
 
 def test_a_clock_that_is_not_to_be_estimated_is_doubted_and_moves_no_pose():
@@ -273,11 +267,8 @@ def test_a_clock_that_is_not_to_be_estimated_is_doubted_and_moves_no_pose():
         clock = {s["of"]: s for s in suspected if s["name"] == "time_offset"}
         assert sorted(clock) == ["camera", "lidar"]
         for name, about in clock.items():
-            T = (
-                geometry.inverse(alone.state.T_robot_sensor[name])
-                @ result.state.T_robot_sensor[name]
-            )
-            assert np.abs(geometry.se3_log(T)).max() < 1e-9
+            T = se3.inverse(alone.state.T_robot_sensor[name]) @ result.state.T_robot_sensor[name]
+            assert np.abs(se3.se3_log(T)).max() < 1e-9
             assert abs(about["estimate"][0] - late) < 3.5 * about["sigma"][0] < 2.5e-3
             assert (about["chance"] < 1e-5) == (late > 0)
     assert clock["camera"]["text"].startswith("the stamps of camera are ")
@@ -289,20 +280,20 @@ def test_views_added_to_a_settled_estimate_end_where_they_would_from_the_start()
     _, result, _ = refined(made)
     spread = np.sqrt(np.diag(covariance(alone.solution.information)))
     for i, name in enumerate(("camera", "lidar")):
-        T = geometry.inverse(alone.state.T_robot_sensor[name]) @ result.state.T_robot_sensor[name]
-        assert np.abs(geometry.se3_log(T) / spread[6 * i : 6 * i + 6]).max() < 0.02, name
+        T = se3.inverse(alone.state.T_robot_sensor[name]) @ result.state.T_robot_sensor[name]
+        assert np.abs(se3.se3_log(T) / spread[6 * i : 6 * i + 6]).max() < 0.02, name
         assert abs(offset(made, alone, name)[0] - offset(made, result, name)[0]) < 1e-5
 
 
 def test_the_error_of_a_view_in_motion_is_the_one_that_an_unknown_of_its_own_would_take():
     """Eliminated by hand, against the normal equations with the error among the unknowns."""
     made = recorded(0.01, views=1, sensors=("camera",))
-    state = chain.start(made, TRUE, 1.0)
+    state = estimate_state.start(made, TRUE, 1.0)
     state.wander[:] = 1e-4
-    assigned = estimation.assign_all(made, state)
-    given = *chain.unknowns(made, state), chain.chains(made, state), assigned
-    slopes, errors = estimation.slopes(made, state, assigned), estimation.errors(made, state)
-    part = estimation.build(made).parts(*given, slopes, errors)[-1]
+    assigned = solver.assign_all(made, state)
+    given = *pose_chain.unknowns(made, state), pose_chain.chains(made, state), assigned
+    slopes, errors = solver.slopes(made, state, assigned), solver.errors(made, state)
+    part = solver.build(made).parts(*given, slopes, errors)[-1]
     plain = replace(part, spread=None, error=None)
     E = np.concatenate([np.eye(6), np.zeros((0, 6))])
     across = plain.A.T @ plain.information @ E

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 import yaml
 
-from calib import config, geometry, rig, targets
-from calib.status import InputError
+from calib.geometry import se3
+from calib.io import config, pose_block
+from calib.io.status import InputError
+from calib.sensors import sensor_models
+from calib.sensors.lidar import lidar_model
+from calib.targets import target_shapes
 
 CONFIG = yaml.safe_load("""
 sessions:
@@ -391,12 +395,12 @@ def test_a_session_gets_all_sensors_and_targets_unless_it_names_some(folder):
 
 def test_the_slices_of_a_loaded_rig_are_si_units(folder):
     _, rigs, _ = load(folder)
-    lidar = rig.Lidar.from_config(rigs["husky"]["sensors"]["velodyne"])
+    lidar = lidar_model.Lidar.from_config(rigs["husky"]["sensors"]["velodyne"])
     assert lidar.azimuth_step == pytest.approx(np.radians(0.2))
     assert lidar.range_sigma == 0.01 and lidar.azimuth is None
-    sigma = rig.pose_sigma(rigs["husky"]["mocap"]["pose_sigma"])
+    sigma = pose_block.pose_sigma(rigs["husky"]["mocap"]["pose_sigma"])
     assert sigma == pytest.approx([2e-4] * 3 + [np.radians(0.02)] * 3)
-    camera = rig.camera(rigs["husky"]["sensors"]["left"])
+    camera = sensor_models.camera(rigs["husky"]["sensors"]["left"])
     assert camera.size == (1280, 960) and camera.params[:2] == (812, 810)
 
 
@@ -461,25 +465,25 @@ def test_an_error_in_a_rig_or_target_names_its_file(folder):
 # --- poses and cameras of a config
 
 
-TURN = geometry.from_rpy([0.21, 0, 0.62], np.radians([10, -20, 130]))
+TURN = se3.from_rpy([0.21, 0, 0.62], np.radians([10, -20, 130]))
 
 
 def test_the_three_ways_to_state_a_pose_say_the_same():
-    rpy = rig.pose({"xyz_m": [0.21, 0, 0.62], "rpy_deg": [10, -20, 130]})
-    quat = rig.pose({"xyz_m": [0.21, 0, 0.62], "quat_xyzw": geometry.to_quat(TURN).tolist()})
-    matrix = rig.pose({"matrix": TURN.tolist()})
-    for T in (rpy, quat, matrix, rig.pose({"matrix": rig.pose_json(TURN)["matrix"]})):
+    rpy = pose_block.pose({"xyz_m": [0.21, 0, 0.62], "rpy_deg": [10, -20, 130]})
+    quat = pose_block.pose({"xyz_m": [0.21, 0, 0.62], "quat_xyzw": se3.to_quat(TURN).tolist()})
+    matrix = pose_block.pose({"matrix": TURN.tolist()})
+    for T in (rpy, quat, matrix, pose_block.pose({"matrix": pose_block.pose_json(TURN)["matrix"]})):
         assert pytest.approx(TURN, abs=1e-15) == T
 
 
 def test_a_pose_rounded_to_two_decimals_becomes_the_nearest_rigid_motion():
     for config_ in (
         {"matrix": np.round(TURN, 2).tolist()},
-        {"xyz_m": [0.21, 0, 0.62], "quat_xyzw": np.round(geometry.to_quat(TURN), 2).tolist()},
+        {"xyz_m": [0.21, 0, 0.62], "quat_xyzw": np.round(se3.to_quat(TURN), 2).tolist()},
     ):
-        T = rig.pose(config_)
+        T = pose_block.pose(config_)
         assert T[:3, :3].T @ T[:3, :3] == pytest.approx(np.eye(3), abs=1e-14)
-        assert geometry.angle(geometry.inverse(TURN) @ T) < 0.02
+        assert se3.angle(se3.inverse(TURN) @ T) < 0.02
 
 
 @pytest.mark.parametrize(
@@ -499,13 +503,13 @@ def test_a_matrix_that_is_no_rigid_motion_is_refused_with_what_it_is_and_the_rem
     T = TURN.copy()
     T[:3, :3] = change(T)
     with np.errstate(invalid="ignore"), pytest.raises(InputError, match="is no rigid") as caught:
-        rig.pose({"matrix": T.tolist()})
+        pose_block.pose({"matrix": T.tolist()})
     assert words in str(caught.value) and "give xyz_m with quat_xyzw" in str(caught.value)
 
 
 def test_a_matrix_written_by_columns_is_refused_with_its_last_row():
     with pytest.raises(InputError, match=r"last row is \[0\.21, 0\.0, 0\.62, 1\.0\]; write rows"):
-        rig.pose({"matrix": TURN.T.tolist()})
+        pose_block.pose({"matrix": TURN.T.tolist()})
 
 
 @pytest.mark.parametrize(
@@ -513,7 +517,7 @@ def test_a_matrix_written_by_columns_is_refused_with_its_last_row():
 )
 def test_a_quaternion_that_is_not_unit_is_refused_with_its_norm_and_the_remedy(quat, norm):
     with pytest.raises(InputError) as caught:
-        rig.pose({"xyz_m": [0, 0, 0], "quat_xyzw": quat})
+        pose_block.pose({"xyz_m": [0, 0, 0], "quat_xyzw": quat})
     assert str(caught.value) == f"quat_xyzw has norm {norm}, expected 1; write x, y, z, w"
 
 
@@ -522,7 +526,7 @@ def test_a_wrong_number_of_params_is_refused_in_words():
     with pytest.raises(
         InputError, match="params: 3 numbers, radtan takes fx fy cx cy k1 k2 p1 p2 k3"
     ):
-        rig.camera(block)
+        sensor_models.camera(block)
 
 
 def test_a_colour_needs_all_its_ranges(folder):
@@ -535,4 +539,4 @@ def test_a_colour_needs_all_its_ranges(folder):
 def test_a_template_finer_than_memory_holds_is_refused_with_what_would_do(folder):
     block = copy.deepcopy(CYLINDER) | {"method": "points", "points": {"spacing_m": 1e-12}}
     with pytest.raises(InputError, match="too fine for a target of 0.8 m; expected 0.0004 m"):
-        targets.from_config(config.complete("target", block, "cylinder.yaml"))
+        target_shapes.from_config(config.complete("target", block, "cylinder.yaml"))

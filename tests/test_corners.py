@@ -7,17 +7,18 @@ import cv2
 import numpy as np
 import pytest
 
-from calib import geometry, targets
-from calib.cameras import Camera
-from calib.kinds import KINDS
-from calib.kinds.assignment import Noise
-from calib.sim import camera as rendering
-from calib.sim import exposure, scene
-from calib.targets.patterns import detection, edge_model, grid
-from calib.targets.patterns.region import Plane, Region, lattice
+from calib.estimation.residuals.assignment import Noise
+from calib.estimation.residuals.residual_registry import KINDS
+from calib.geometry import se3
+from calib.sensors.camera.camera_model import Camera
+from calib.targets import target_shapes
+from calib.targets.patterns import edge_model, grid_growing, opencv_grids
+from calib.targets.patterns.image_region import Plane, Region, lattice
+from simulation.sensors import camera_exposure, render_image
+from simulation.world import room_scene
 
 NOISE = 1.8
-BOARD = targets.from_config(scene.TARGETS["board"] | {"thickness_m": 0.005})
+BOARD = target_shapes.from_config(room_scene.TARGETS["board"] | {"thickness_m": 0.005})
 PATTERN = BOARD.pattern
 SIZE = (330, 300)
 # The image's middle is 18° off the lens's axis where that distorts.
@@ -30,7 +31,7 @@ CAMERAS = {
 }
 DISTANCES = {"pinhole": 2.1, "radtan": 2.1, "fisheye": 2.4}
 LEANS_DEG = ([24, -18, 12], [-20, 25, 100], [5, 30, -140])
-EYE = geometry.pose(np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]]), [-1.5, 0, 1.5])
+EYE = se3.pose(np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]]), [-1.5, 0, 1.5])
 
 
 def posed(camera, distance, lean_deg):
@@ -39,21 +40,21 @@ def posed(camera, distance, lean_deg):
     facing = np.stack([[1.0, 0, 0], np.cross(-middle, [1.0, 0, 0]), -middle], -1)
     R = np.linalg.qr(facing)[0]
     R = R * np.sign(np.sum(R * facing, axis=0))
-    return geometry.pose(R @ geometry.so3_exp(np.radians(lean_deg)), distance * middle)
+    return se3.pose(R @ se3.so3_exp(np.radians(lean_deg)), distance * middle)
 
 
 def exact(name, distance, lean_deg):
     """(grey image (h, w) without noise, pixels (n, 2) of the corners)."""
     camera = CAMERAS[name]
     T = posed(camera, distance, lean_deg)
-    surfaces = scene.poses({"board": EYE @ T})
-    image = rendering.render(VIEWS[name], scene.build(["board"]), surfaces, EYE)
-    uv, valid = camera.project(geometry.transform(T, PATTERN.corners()))
+    surfaces = room_scene.poses({"board": EYE @ T})
+    image = render_image.render(VIEWS[name], room_scene.build(["board"]), surfaces, EYE)
+    uv, valid = camera.project(se3.transform(T, PATTERN.corners()))
     assert valid.all() and camera.in_image(uv, 15).all()
-    return image @ exposure.GREY, uv
+    return image @ camera_exposure.GREY, uv
 
 
-VIEWS = {name: rendering.view(camera) for name, camera in CAMERAS.items()}
+VIEWS = {name: render_image.view(camera) for name, camera in CAMERAS.items()}
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +66,7 @@ def boards():
 def board(boards):
     """The first pinhole view, a little blurred."""
     image, uv = boards["pinhole"][0]
-    return exposure.blurred(image, 0.7), uv
+    return camera_exposure.blurred(image, 0.7), uv
 
 
 def taken(image, rng, noise=NOISE):
@@ -97,7 +98,7 @@ def measured(boards):
     for name, blur in CASES:
         rng, errors, sizes = np.random.default_rng(3), [], []
         for image, truth in boards[name] * 3:
-            corners, status = located(taken(exposure.blurred(image, blur), rng), name)
+            corners, status = located(taken(camera_exposure.blurred(image, blur), rng), name)
             assert status.reason == "" and len(corners.uv) == len(truth)
             error, _ = numbered(corners.uv, truth)
             errors.append(error)
@@ -210,7 +211,7 @@ def test_a_pole_across_the_whole_grid_leaves_both_its_parts(board):
     image, truth = board
     u = truth[14, 0]
     grey = taken(pole(image, u, 21), np.random.default_rng(2))
-    assert detection.quick(grey, 6, 5) is None
+    assert opencv_grids.quick(grey, 6, 5) is None
     corners, _ = located(grey)
     error, which = numbered(corners.uv, truth)
     assert np.abs(error).max() < 0.03
@@ -260,7 +261,7 @@ def test_a_grid_shifted_by_a_square_is_put_right(board, columns, rows):
     image, truth = board
     region = Region(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
     shifted = grid_of(region, truth).pixels(lattice(6, 5) + [columns, rows])
-    uv, _ = grid.settle(region, shifted, edge_model.refine)
+    uv, _ = grid_growing.settle(region, shifted, edge_model.refine)
     assert uv.shape == (5, 6, 2)
     assert np.abs(uv - seeds(truth)).max() < 0.1
 
@@ -268,14 +269,14 @@ def test_a_grid_shifted_by_a_square_is_put_right(board, columns, rows):
 def test_a_part_of_a_grid_grows_to_all_of_it(board):
     image, truth = board
     region = Region(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
-    uv, _ = grid.settle(region, seeds(truth)[1:4, 2:5], edge_model.refine)
+    uv, _ = grid_growing.settle(region, seeds(truth)[1:4, 2:5], edge_model.refine)
     assert np.abs(uv - seeds(truth)).max() < 0.1
 
 
 def test_the_border_of_the_pattern_is_no_further_row_of_crossings(board):
     image, truth = board
     region = Region(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
-    crossing, sign = grid.crossings(grid_of(region, truth), lattice(6, 5, 2))
+    crossing, sign = grid_growing.crossings(grid_of(region, truth), lattice(6, 5, 2))
     assert crossing[2:-2, 2:-2].all() and crossing.sum() == 30
     assert sign == -1  # ahead of the first corner lies the second square of a diagonal: black
 
@@ -284,14 +285,14 @@ def test_a_grid_between_the_corners_is_none(board):
     image, truth = board
     region = Region(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
     between = grid_of(region, truth).pixels(lattice(6, 5) + 0.5)
-    assert grid.settle(region, between, edge_model.refine) is None
+    assert grid_growing.settle(region, between, edge_model.refine) is None
 
 
 def test_seeds_on_no_plane_are_no_grid(board):
     image, truth = board
     region = Region(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
     bent = seeds(truth) + np.random.default_rng(0).uniform(-15, 15, (5, 6, 2))
-    assert grid.settle(region, bent, edge_model.refine) is None
+    assert grid_growing.settle(region, bent, edge_model.refine) is None
 
 
 def floor_of(tiles, size, turn_deg):
@@ -299,7 +300,7 @@ def floor_of(tiles, size, turn_deg):
     flat = (40 + 160 * tiles.repeat(size, 0).repeat(size, 1)).astype(np.float32)
     turn = cv2.getRotationMatrix2D((len(flat) / 2, len(flat) / 2), turn_deg, 1)
     turn[:, 2] += np.array(SIZE) / 2 - len(flat) / 2
-    return exposure.blurred(cv2.warpAffine(flat, turn, SIZE, flags=cv2.INTER_CUBIC), 0.7)
+    return camera_exposure.blurred(cv2.warpAffine(flat, turn, SIZE, flags=cv2.INTER_CUBIC), 0.7)
 
 
 @pytest.mark.parametrize("kind", ["by turns", "at random"])
@@ -358,7 +359,7 @@ def test_uneven_light_does_not_pull_the_corners(board):
 def test_a_steep_board_is_found(lean_deg):
     """Squares of 31 by 8 px, or rhombs as flat: what is looked at follows the grid."""
     image, truth = exact("pinhole", 2.1, lean_deg)
-    corners, _ = located(taken(exposure.blurred(image, 0.7), np.random.default_rng(5)))
+    corners, _ = located(taken(camera_exposure.blurred(image, 0.7), np.random.default_rng(5)))
     error, _ = numbered(corners.uv, truth)
     assert len(error) >= 28 and np.abs(error).max() < 0.05
 
@@ -368,8 +369,8 @@ def test_a_steep_board_is_found(lean_deg):
 
 def sharpened(image):
     """The image with each edge's halo as a camera makes it, more on its left than on its right."""
-    soft = exposure.blurred(image, 1.2)
-    halo = image - np.roll(exposure.blurred(image, 2.0), -1, axis=1)
+    soft = camera_exposure.blurred(image, 1.2)
+    halo = image - np.roll(camera_exposure.blurred(image, 2.0), -1, axis=1)
     return soft + 0.9 * halo
 
 

@@ -5,16 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib import (
-    crossvalidation,
-    estimation,
-    geometry,
-    observability,
-    quality,
-    solution,
-)
-from calib.information import covariance
-from calib.parts import information
+from calib.diagnosis import leave_one_out, observability, residual_statistics, solution_json
+from calib.estimation import solver
+from calib.estimation.nlp.information_matrix import covariance
+from calib.estimation.nlp.measurement_factor import information
+from calib.geometry import se3
 from synthetic import setup, solved
 
 MIXED = [("board", None)] * 7 + [("cylinder", None)] * 3
@@ -34,9 +29,9 @@ def without(setup, k):
 
 def solved_at(setup, state):
     """The State that solving ends in with the noise as it is."""
-    programme = estimation.build(setup)
+    programme = solver.build(setup)
     for _ in range(6):
-        state, _, _ = estimation.step(setup, programme, state, estimation.assign_all(setup, state))
+        state, _, _ = solver.step(setup, programme, state, solver.assign_all(setup, state))
     return state
 
 
@@ -44,12 +39,12 @@ def test_leaving_a_placement_out_moves_poses_as_solving_without_it_does(made):
     """First order against a full solution with the same noise: to 0.1 σ."""
     clean, result = made
     P = covariance(result.solution.information)
-    all_left = {lf.placement: lf for lf in crossvalidation.leave_out(clean, result)}
+    all_left = {lf.placement: lf for lf in leave_one_out.leave_out(clean, result)}
     for k in (0, 8):
         rest = solved_at(without(clean, k), result.state)
         for i, name in enumerate(sorted(clean.models)):
             T = result.state.T_robot_sensor[name], rest.T_robot_sensor[name]
-            xi = geometry.se3_log(geometry.inverse(T[0]) @ T[1])
+            xi = se3.se3_log(se3.inverse(T[0]) @ T[1])
             block = P[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]
             moved = np.sqrt(xi @ np.linalg.solve(block, xi))
             assert all_left[k].influence[name] == pytest.approx(moved, abs=0.1)
@@ -59,8 +54,8 @@ def test_held_out_errors_of_clean_logs_are_as_large_as_predicted():
     ratios = []
     for seed in range(2):
         clean = setup(seed, MIXED)
-        left = crossvalidation.leave_out(clean, solved(clean))
-        ratios += [quality.held_out(n, left)["ratio"] for n in sorted(clean.models)]
+        left = leave_one_out.leave_out(clean, solved(clean))
+        ratios += [residual_statistics.held_out(n, left)["ratio"] for n in sorted(clean.models)]
     # 7 × 6 directions of the camera, more of the lidar: one ratio scatters by 0.1;
     # over 40 logs the mean is 0.89, for σ is a little too large rather than too small.
     assert np.mean(ratios) == pytest.approx(0.9, abs=0.15)
@@ -70,10 +65,10 @@ def test_held_out_errors_of_clean_logs_are_as_large_as_predicted():
 def test_a_placement_that_was_not_still_is_the_most_influential_and_unlike_the_others(made):
     clean = setup(0, MIXED)
     place = clean.placements[3]
-    moved = place.T_robot_body @ geometry.pose(None, [0.0, 0.004, 0.0])
+    moved = place.T_robot_body @ se3.pose(None, [0.0, 0.004, 0.0])
     places = [replace(p, T_robot_body=moved) if p is place else p for p in clean.placements]
     wrong = replace(clean, placements=places)
-    left = crossvalidation.leave_out(wrong, solved(wrong))
+    left = leave_one_out.leave_out(wrong, solved(wrong))
     held = {lf.placement: lf.held["camera"].nees for lf in left if "camera" in lf.held}
     assert max(held, key=held.get) == 3
     assert max(left, key=lambda lf: lf.influence["camera"]).placement == 3
@@ -81,7 +76,7 @@ def test_a_placement_that_was_not_still_is_the_most_influential_and_unlike_the_o
 
 def test_without_a_placement_that_it_needs_a_pose_is_lost():
     needed = setup(0, [("cylinder", [0, 0, 1]), ("cylinder", [0, 0, 1]), ("cylinder", [0, 1, 0])])
-    left = crossvalidation.leave_out(needed, solved(needed))
+    left = leave_one_out.leave_out(needed, solved(needed))
     assert [np.isinf(lf.influence["lidar"]) for lf in left][2]
 
 
@@ -89,7 +84,7 @@ def test_sigma_falls_with_the_number_of_placements_to_that_of_the_result(made):
     clean, result = made
     P = covariance(result.solution.information)
     for i, name in enumerate(sorted(clean.models)):
-        told = crossvalidation.sigma_by_count(clean, result, name)
+        told = leave_one_out.sigma_by_count(clean, result, name)
         sigma = np.sqrt(np.diag(P)[6 * i : 6 * i + 3].max())
         assert told["placements"][0] == 3
         assert told["sigma_m"][-1] == pytest.approx(sigma, rel=0.02)
@@ -100,7 +95,7 @@ def test_sigma_falls_with_the_number_of_placements_to_that_of_the_result(made):
 
 def test_the_predicted_sigma_is_that_of_a_log_with_so_few_placements(made):
     clean, result = made
-    told = crossvalidation.sigma_by_count(clean, result, "camera")
+    told = leave_one_out.sigma_by_count(clean, result, "camera")
     four = told["sigma_m"][told["placements"].index(4)]
     sigmas = []
     weight = (np.arange(clean.n) >= clean.poses).astype(float)
@@ -114,7 +109,7 @@ def test_the_predicted_sigma_is_that_of_a_log_with_so_few_placements(made):
 
 def test_too_few_placements_of_cylinders_have_no_predicted_sigma():
     parallel = setup(0, PARALLEL * 9 + [("cylinder", [0, 1, 0])])
-    told = crossvalidation.sigma_by_count(parallel, solved(parallel), "lidar")
+    told = leave_one_out.sigma_by_count(parallel, solved(parallel), "lidar")
     assert told["sigma_m"][0] is None and told["sigma_m"][-1] < 0.05
 
 
@@ -122,18 +117,18 @@ def test_the_pose_between_two_sensors_has_the_covariance_of_its_errors(made):
     """Of T_camera_lidar, for 4000 pairs of poses drawn from their joint covariance."""
     clean, result = made
     T, names = result.state.T_robot_sensor, ["camera", "lidar"]
-    joint = solution.joint_covariance(clean, result, names)
-    (pair,) = solution.pairs(T, names, joint)
+    joint = solution_json.joint_covariance(clean, result, names)
+    (pair,) = solution_json.pairs(T, names, joint)
     assert (pair["from"], pair["to"]) == ("camera", "lidar")
     drawn = np.random.default_rng(0).multivariate_normal(np.zeros(12), joint, 4000)
-    a, b = (T[n] @ geometry.se3_exp(x) for n, x in zip(names, np.split(drawn, 2, 1), strict=True))
-    apart = geometry.inverse(np.array(pair["T"]["matrix"])) @ geometry.inverse(a) @ b
-    nees = np.linalg.inv(pair["covariance"]) @ np.cov(geometry.se3_log(apart).T)
+    a, b = (T[n] @ se3.se3_exp(x) for n, x in zip(names, np.split(drawn, 2, 1), strict=True))
+    apart = se3.inverse(np.array(pair["T"]["matrix"])) @ se3.inverse(a) @ b
+    nees = np.linalg.inv(pair["covariance"]) @ np.cov(se3.se3_log(apart).T)
     np.testing.assert_allclose(np.linalg.eigvals(nees).real, 1, atol=0.1)
 
 
 def test_directions_are_named_by_the_axes_of_the_body_whatever_it_is():
-    turned = geometry.from_rpy([0, 0, 0], np.radians([0, 0, 90]))
+    turned = se3.from_rpy([0, 0, 0], np.radians([0, 0, 90]))
     along_x = np.array([1.0, 0, 0, 0, 0, 0])
     assert observability.in_words(along_x, np.eye(4)) == "translation along x of the robot body"
     assert observability.in_words(along_x, turned) == "translation along y of the robot body"
@@ -171,7 +166,7 @@ def test_what_is_left_out_is_counted_by_where_it_lies(made):
             g.keypoints["xyz"][:10] *= 0.8  # a hand before the target
             g.keypoints["xyz"][10:15] *= 1.2
     result = solved(clean)
-    found = quality.left_out("lidar", clean, result)
+    found = residual_statistics.left_out("lidar", clean, result)
     told = {r["where"]: r["count"] for r in found if r["target"] == "board"}
     assert told["before the surface"] == 10 and told["behind the surface"] == 5
 
@@ -184,7 +179,7 @@ def test_targets_that_rest_together_are_left_out_one_by_one():
     )
     result = solved(both)
     assert both.n == 12 + 6 * (2 + 4)
-    left = crossvalidation.leave_out(both, result)
+    left = leave_one_out.leave_out(both, result)
     assert [sorted(lf.held) for lf in left] == [["camera", "lidar"]] * 2 + [["lidar"]] * 2
 
 
@@ -192,7 +187,7 @@ def test_targets_that_rest_together_are_left_out_one_by_one():
 def test_exact_ranges_beside_coarse_poses_leave_numbers_and_no_roots_of_rounding(seed):
     exact = setup(seed, [("cylinder", None)] * 4, mcs=0.0, noise=0.0)
     result = solved(exact)
-    left = crossvalidation.leave_out(exact, result)
+    left = leave_one_out.leave_out(exact, result)
     assert all(h.nees >= 0 for one in left for h in one.held.values())
-    held = quality.held_out("lidar", left)
+    held = residual_statistics.held_out("lidar", left)
     assert held is None or np.isfinite(held["ratio"])

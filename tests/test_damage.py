@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 import containers
-from calib import clouds, hearing, images, logs
-from calib.benchmark.damage import DAMAGES
-from calib.benchmark.fuzz import at_most
-from calib.sim import log as record
-from calib.status import InputError, MessageError
+from benchmarking.fuzzing.byte_damage import DAMAGES
+from benchmarking.fuzzing.run_cases import at_most
+from calib.decoding import sensor_probe
+from calib.io.logs import open_log
+from calib.io.status import InputError, MessageError
+from calib.sensors.camera.images import image_messages
+from calib.sensors.lidar.clouds import cloud_messages
+from simulation import ros_log
 from test_intake import taken
 
 KIND = "TFMessage"
@@ -45,7 +48,7 @@ def outcome(log):
         poses, frames, audit = taken(log, containers.options(KIND))
     except InputError as error:
         return str(error)
-    again = logs.open_log(log)
+    again = open_log.open_log(log)
     for row in range(0, len(frames["t"]), 5):
         place = [int(frames[k][row]) for k in ("file", "log_t", "ordinal")]
         topic = {"camera": "/image", "lidar": "/points"}[str(frames["sensor"][row])]
@@ -106,7 +109,7 @@ def test_a_message_whose_payload_is_cut_is_a_fault_of_its_own(tmp_path):
 
     log = str(containers.mcap(tmp_path / "a.mcap", rows, serialise))
     _, frames, _ = taken(log, containers.options(KIND))
-    again, read = logs.open_log(log), 0
+    again, read = open_log.open_log(log), 0
     for row in np.flatnonzero(frames["sensor"] == "camera"):
         place = [int(frames[k][row]) for k in ("file", "log_t", "ordinal")]
         try:
@@ -117,7 +120,7 @@ def test_a_message_whose_payload_is_cut_is_a_fault_of_its_own(tmp_path):
 
 
 def test_a_cloud_with_other_fields_hides_nothing_of_the_rest():
-    heard = hearing.Lidar({})
+    heard = sensor_probe.Lidar({})
     for i in range(5):
         cloud = containers.cloud(containers.BEGIN + i * 10**8)
         if i == 0:
@@ -130,7 +133,10 @@ def test_a_cloud_with_other_fields_hides_nothing_of_the_rest():
 
 
 def test_a_message_that_is_not_defined_as_ros_does_it_is_a_fault_of_its_own():
-    for module, kind in ((clouds.read, "sensor_msgs/msg/LaserScan"), (images.bgr, record.IMAGE)):
+    for module, kind in (
+        (cloud_messages.read, "sensor_msgs/msg/LaserScan"),
+        (image_messages.bgr, ros_log.IMAGE),
+    ):
         with pytest.raises(MessageError, match=f"{kind} is not defined as ROS does it"):
             module(SimpleNamespace(__msgtype__=kind))
 
@@ -139,4 +145,4 @@ def test_a_row_that_claims_gigabytes_takes_no_memory():
     image = containers.image(containers.BEGIN)
     image.height, image.step = 1, 2**31
     with at_most(2):
-        assert images.bgr(image).shape == (1, 4, 3)
+        assert image_messages.bgr(image).shape == (1, 4, 3)

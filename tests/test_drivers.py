@@ -8,8 +8,10 @@ import pytest
 
 import runs
 import simulate
-from calib import intake, lenses, tables
-from calib.sim import files, log, record
+from calib.decoding import decoded_log, sensor_audit
+from calib.io import parquet_tables, table_schemas
+from calib.sensors import lens_from_log
+from simulation import config_and_truth, record_session, ros_log
 
 RESULTS = "results/sim"
 
@@ -62,8 +64,8 @@ def test_clouds_without_time_and_ring_give_the_pose_but_no_clock(tmp_path):
     assert found["camera"][0] < 1e-5
     assert told["layout"]["time"] is None and len(told["layout"]["ring"]["elevation_deg"]) == 16
     assert "cannot be told from the motion capture's" in told["told"]["time"]
-    views, _, _ = tables.read(
-        tmp_path / RESULTS / "sim/velodyne/motion.parquet", tables.VIEWS_LIDAR
+    views, _, _ = parquet_tables.read(
+        tmp_path / RESULTS / "sim/velodyne/motion.parquet", table_schemas.VIEWS_LIDAR
     )
     assert len(views["view"]) == 0
     assert offset(tmp_path, "velodyne") is None
@@ -84,7 +86,7 @@ def damaged(messages):
     seen = {}
     for t, topic, kind, message in messages:
         seen[kind] = seen.get(kind, 0) + 1
-        if kind in (log.CLOUD, log.IMAGE) and seen[kind] % 4 == 0:
+        if kind in (ros_log.CLOUD, ros_log.IMAGE) and seen[kind] % 4 == 0:
             message.width *= 1000
         yield t, topic, kind, message
 
@@ -92,15 +94,20 @@ def damaged(messages):
 def test_damaged_messages_are_counted_by_their_reason_and_the_others_serve(tmp_path):
     args = simulate.parse([str(tmp_path), *runs.SMALL.split()])
     sessions, guesses = simulate.draw(args)
-    files.write_config(tmp_path / "config", args.rig, sessions, guesses)
-    files.write_truth(tmp_path / "truth.json", sessions, guesses)
+    config_and_truth.write_config(tmp_path / "config", args.rig, sessions, guesses)
+    config_and_truth.write_truth(tmp_path / "truth.json", sessions, guesses)
     (tmp_path / "logs").mkdir()
-    log.write(tmp_path / "logs/sim.mcap", damaged(record.messages(sessions[0])))
+    ros_log.write(tmp_path / "logs/sim.mcap", damaged(record_session.messages(sessions[0])))
     runs.completed(tmp_path, f"{RESULTS}/calibration.json")
     found = errors(tmp_path)
     assert found["velodyne"][0] < 1e-7 and found["camera"][0] < 1e-5
-    for sensor, schema in (("velodyne", tables.VIEWS_LIDAR), ("camera", tables.VIEWS_CAMERA)):
-        views, _, _ = tables.read(tmp_path / RESULTS / f"sim/{sensor}/views.parquet", schema)
+    for sensor, schema in (
+        ("velodyne", table_schemas.VIEWS_LIDAR),
+        ("camera", table_schemas.VIEWS_CAMERA),
+    ):
+        views, _, _ = parquet_tables.read(
+            tmp_path / RESULTS / f"sim/{sensor}/views.parquet", schema
+        )
         reasons = [r for r in np.asarray(views["reason"], str) if r.startswith("cannot be read: ")]
         assert reasons and all("the message is damaged" in r for r in reasons)
         assert not np.asarray(views["kept"])[np.asarray(views["reason"], str) != ""].any()
@@ -112,9 +119,9 @@ def test_damaged_messages_are_counted_by_their_reason_and_the_others_serve(tmp_p
 def status(kind, message_type):
     """Of the audit of a sensor whose topic carries that type."""
     sensor = {"kind": kind, "topic": "/it"}
-    recording = intake.Recording(options(sensor))
+    recording = decoded_log.Recording(options(sensor))
     topics, columns = {"/it": (message_type, 5)}, {"t": [], "sensor": []}
-    return intake.sensor_audit("it", recording, topics, columns, {})["status"]
+    return sensor_audit.sensor_audit("it", recording, topics, columns, {})["status"]
 
 
 def options(sensor):
@@ -173,17 +180,17 @@ def test_a_sensor_whose_every_message_is_damaged_fails_in_words():
     stamp = SimpleNamespace(sec=1, nanosec=0)
     header = SimpleNamespace(stamp=stamp, frame_id="it")
     message = SimpleNamespace(
-        __msgtype__=log.CLOUD, header=header, fields=[],
+        __msgtype__=ros_log.CLOUD, header=header, fields=[],
         height=1, width=1, point_step=12, row_step=12, is_bigendian=False, data=np.zeros(12, "u1"),
     )  # fmt: skip
-    recording = intake.Recording(options({"kind": "lidar", "topic": "/it"}))
+    recording = decoded_log.Recording(options({"kind": "lidar", "topic": "/it"}))
     for i in range(3):
         place = {"log_t": i, "data": b"", "file": 0, "ordinal": 0}
         told = {"content": message, "header": header}
-        recording.take(SimpleNamespace(topic="/it", type=log.CLOUD, **told, **place))
-    columns = intake.frame_columns(recording.frames, intake.clocks(recording))
-    topics = {"/it": (log.CLOUD, 3)}
-    found = intake.sensor_audit("it", recording, topics, columns, {})["status"]
+        recording.take(SimpleNamespace(topic="/it", type=ros_log.CLOUD, **told, **place))
+    columns = decoded_log.frame_columns(recording.frames, decoded_log.clocks(recording))
+    topics = {"/it": (ros_log.CLOUD, 3)}
+    found = sensor_audit.sensor_audit("it", recording, topics, columns, {})["status"]
     assert found["reason"] == "clouds that cannot be read"
     assert found["found"] == "a cloud without x, y, z: its fields are "
     assert found["expected"] == "1 of the first 3 or more"
@@ -204,7 +211,7 @@ def session(*cameras):
 
 
 def test_a_camera_with_another_lens_in_another_session_fails_and_leaves_the_lidar():
-    found = lenses.agreed({"one": session(LENS), "two": session(OTHER), "three": session()})
+    found = lens_from_log.agreed({"one": session(LENS), "two": session(OTHER), "three": session()})
     for name in ("one", "two"):
         pairs, notes = found[name]
         assert pairs["sensor"].tolist() == ["lidar"] and notes["lidar"]["status"]["ok"]
@@ -216,8 +223,8 @@ def test_a_camera_with_another_lens_in_another_session_fails_and_leaves_the_lida
 
 def test_one_lens_in_all_sessions_is_that_of_the_camera():
     given = {"one": session(LENS), "two": session(LENS), "three": session()}
-    assert lenses.agreed(given) == given
+    assert lens_from_log.agreed(given) == given
     guesses = [("left", {"camera": None}), ("left", {"camera": LENS}), ("lidar", {"camera": None})]
     blocks = {"left": {"kind": "camera", "topic": "/it"}, "lidar": {"kind": "lidar"}}
-    found = lenses.told(blocks, guesses)
+    found = lens_from_log.told(blocks, guesses)
     assert found["left"]["params"] == LENS["params"] and found["lidar"] == {"kind": "lidar"}

@@ -5,16 +5,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib import chain, estimation, geometry, given, observability, placements, rig, solution
-from calib.cameras import Camera
-from calib.information import covariance
+from calib.diagnosis import observability, residual_table, solution_json
+from calib.estimation import (
+    estimate_state,
+    estimation_problem,
+    measurement_groups,
+    pose_chain,
+    solver,
+)
+from calib.estimation.nlp.information_matrix import covariance
+from calib.geometry import se3
+from calib.io import status
+from calib.sensors.camera.camera_model import Camera
+from calib.sensors.lidar import lidar_model
 from calib.targets.board import Board
 from calib.targets.cylinder import Cylinder
 from calib.targets.patterns.checkerboard import Checkerboard
 
 CAMERA = Camera("radtan", (800.0, 800.0, 449.5, 349.5, -0.1, 0.02, 0.0005, -0.0003), (900, 700))
 NO_OFFSET = {"time_offset_s": {"value": 0.0, "sigma": 0.05}}
-LIDAR = rig.Lidar(np.radians(0.2), np.radians(2.0), None, None, (0.3, 100.0), 0.01)
+LIDAR = lidar_model.Lidar(np.radians(0.2), np.radians(2.0), None, None, (0.3, 100.0), 0.01)
 BOARD = Board(
     np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]]),
     0.0,
@@ -26,8 +36,8 @@ ASSOCIATE = {"gate_sigma": 6.0, "edge_margin_m": 0.02, "min_cosine": 0.3}
 # Camera and lidar look along the robot's x.
 FORWARD = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 TRUE = {
-    "camera": geometry.pose(FORWARD, [0.2, 0.1, 0.5]),
-    "lidar": geometry.from_rpy([0.1, -0.05, 0.7], [0.02, -0.03, 0.05]),
+    "camera": se3.pose(FORWARD, [0.2, 0.1, 0.5]),
+    "lidar": se3.from_rpy([0.1, -0.05, 0.7], [0.02, -0.03, 0.05]),
 }
 MCS_SIGMA = np.repeat([1e-4, np.radians(0.01)], 3)
 
@@ -36,13 +46,13 @@ def T_robot_target(rng, name, axis=None):
     """A target 1.5 to 3 m before the robot, turned at random; a cylinder's axis may be given."""
     at = rng.uniform([1.5, -0.4, 0.3], [3.0, 0.4, 0.9])
     if name == "board":
-        turn = geometry.so3_exp(rng.uniform(-0.6, 0.6, 3))
-        return geometry.pose(turn @ np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]]), at)
+        turn = se3.so3_exp(rng.uniform(-0.6, 0.6, 3))
+        return se3.pose(turn @ np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]]), at)
     x = rng.normal(size=3) if axis is None else np.asarray(axis, float)
     x /= np.linalg.norm(x)
     y = np.cross(x, [0.3, 0.5, 0.8])
     y /= np.linalg.norm(y)
-    return geometry.pose(np.column_stack([x, y, np.cross(x, y)]), at)
+    return se3.pose(np.column_stack([x, y, np.cross(x, y)]), at)
 
 
 def columns(kind, placement, xyz=None, uv=None, sigma=1.0):
@@ -62,7 +72,7 @@ def columns(kind, placement, xyz=None, uv=None, sigma=1.0):
 
 
 def corners(rng, T, placement, noise):
-    uv, valid = CAMERA.project(geometry.transform(T, BOARD.pattern.corners()))
+    uv, valid = CAMERA.project(se3.transform(T, BOARD.pattern.corners()))
     assert valid.all()
     return columns("corner", placement, uv=uv + noise * rng.normal(size=uv.shape), sigma=0.05)
 
@@ -72,12 +82,12 @@ def returns(rng, name, T, placement, noise, n=150):
     if name == "board":
         q = np.column_stack([rng.uniform(-0.45, 0.45, (n, 2)), np.zeros(n)])
     else:
-        sensor = geometry.inverse(T)[:3, 3]
+        sensor = se3.inverse(T)[:3, 3]
         around = np.arctan2(sensor[2], sensor[1]) + rng.uniform(-1.0, 1.0, n)
         q = np.column_stack(
             [rng.uniform(-0.37, 0.37, n), 0.1 * np.cos(around), 0.1 * np.sin(around)]
         )
-    p = geometry.transform(T, q)
+    p = se3.transform(T, q)
     ranges = np.linalg.norm(p, axis=1, keepdims=True)
     return columns(
         "surface", placement, xyz=p * (1 + noise * rng.normal(size=(n, 1)) / ranges), sigma=0.01
@@ -92,33 +102,37 @@ def made(seed, layout, pixel=0.0, range_=0.0, mcs=0.0):
     for k, (name, axis) in enumerate(layout):
         T = T_robot_target(geometry_rng, name, axis)
         error = mcs * MCS_SIGMA * rng.normal(size=(2, 6))
-        robot, body = geometry.se3_exp(error)
+        robot, body = se3.se3_exp(error)
         # What the MCS says: both true poses with their errors taken off.
-        said = robot @ T @ geometry.inverse(body)
-        places.append(given.Placement("s", name, said, np.eye(4), MCS_SIGMA))
+        said = robot @ T @ se3.inverse(body)
+        places.append(estimation_problem.Placement("s", name, said, np.eye(4), MCS_SIGMA))
         sensors = ["lidar", "camera"] if name == "board" else ["lidar"]
         for sensor in sensors:
-            T_sensor = geometry.inverse(TRUE[sensor]) @ T
+            T_sensor = se3.inverse(TRUE[sensor]) @ T
             if sensor == "camera":
-                groups.append(given.Group("camera", k, "corner", corners(rng, T_sensor, k, pixel)))
+                groups.append(
+                    estimation_problem.Group(
+                        "camera", k, "corner", corners(rng, T_sensor, k, pixel)
+                    )
+                )
             else:
                 found = returns(rng, name, T_sensor, k, range_)
-                groups.append(given.Group("lidar", k, "surface", found))
+                groups.append(estimation_problem.Group("lidar", k, "surface", found))
     models = {"camera": CAMERA, "lidar": LIDAR}
     models = {n: m for n, m in models.items() if any(g.sensor == n for g in groups)}
-    return given.Setup(models, TARGETS, places, groups, ASSOCIATE, {})
+    return estimation_problem.Setup(models, TARGETS, places, groups, ASSOCIATE, {})
 
 
 def settled(setup, off=0.01):
     """The Result from a start that is off by about 1 cm and 0.6°."""
-    start = {n: TRUE[n] @ geometry.se3_exp(np.full(6, off)) for n in setup.models}
-    result = estimation.estimate(setup, start, 40, 1e-8, 1e-8, 500.0)
+    start = {n: TRUE[n] @ se3.se3_exp(np.full(6, off)) for n in setup.models}
+    result = solver.estimate(setup, start, 40, 1e-8, 1e-8, 500.0)
     assert result.settled
     return result
 
 
 def error(result, name):
-    return geometry.se3_log(geometry.inverse(TRUE[name]) @ result.state.T_robot_sensor[name])
+    return se3.se3_log(se3.inverse(TRUE[name]) @ result.state.T_robot_sensor[name])
 
 
 MIXED = [("board", None), ("cylinder", None)] * 4
@@ -134,8 +148,8 @@ def test_the_result_does_not_depend_on_where_it_starts():
     setup = made(0, MIXED, pixel=0.05, range_=0.01, mcs=1.0)
     a, b = (settled(setup, off) for off in (0.01, -0.008))
     for name in setup.models:
-        apart = geometry.inverse(a.state.T_robot_sensor[name]) @ b.state.T_robot_sensor[name]
-        assert np.abs(geometry.se3_log(apart)).max() < 1e-6
+        apart = se3.inverse(a.state.T_robot_sensor[name]) @ b.state.T_robot_sensor[name]
+        assert np.abs(se3.se3_log(apart)).max() < 1e-6
 
 
 def test_the_covariance_is_that_of_the_errors_over_30_noise_draws():
@@ -159,7 +173,7 @@ def test_the_covariance_is_that_of_the_errors_over_30_noise_draws():
 
 def test_the_noise_of_each_sensor_is_found_whatever_was_configured():
     result = settled(made(1, MIXED, pixel=0.2, range_=0.003, mcs=1.0))
-    noise = solution.noise(made(1, MIXED), result)["sensors"]
+    noise = solution_json.noise(made(1, MIXED), result)["sensors"]
     assert noise["camera"]["corner"] == pytest.approx(0.2, rel=0.1)
     assert noise["lidar"]["surface"] == pytest.approx(0.003, rel=0.1)
 
@@ -185,14 +199,14 @@ def test_one_outlier_in_twenty_moves_the_result_by_less_than_half_a_sigma():
             g.keypoints["xyz"][::20] *= 1.05
     a, b = settled(clean), settled(dirty)
     spread = covariance(a.solution.information)[:12, :12]
-    apart = geometry.inverse(a.state.T_robot_sensor["lidar"]) @ b.state.T_robot_sensor["lidar"]
-    assert (np.abs(geometry.se3_log(apart)) < 0.5 * np.sqrt(np.diag(spread)[6:])).all()
+    apart = se3.inverse(a.state.T_robot_sensor["lidar"]) @ b.state.T_robot_sensor["lidar"]
+    assert (np.abs(se3.se3_log(apart)) < 0.5 * np.sqrt(np.diag(spread)[6:])).all()
 
 
 @pytest.mark.parametrize("count", [5, 20])
 def test_cylinders_with_parallel_axes_leave_two_directions_open_however_many_there_are(count):
     setup = made(3, [("cylinder", [0, 0, 1])] * count, range_=0.01)
-    result = estimation.estimate(setup, {"lidar": TRUE["lidar"]}, 30, 1e-8, 1e-8, 10.0)
+    result = solver.estimate(setup, {"lidar": TRUE["lidar"]}, 30, 1e-8, 1e-8, 10.0)
     found = observability.undetermined(result.solution.information, 1, 0)
     words = [observability.in_words(d, TRUE["lidar"]) for d in found]
     assert any("translation along z of the robot body" in w for w in words)
@@ -205,7 +219,7 @@ def test_five_diverse_cylinders_determine_the_lidar():
 
 
 def test_one_board_seen_by_a_lidar_leaves_three_directions_open():
-    result = estimation.estimate(
+    result = solver.estimate(
         made(4, [("board", None)]), {"lidar": TRUE["lidar"], "camera": TRUE["camera"]}, 5, 1, 1, 1.0
     )
     names = sorted(["camera", "lidar"])
@@ -215,7 +229,7 @@ def test_one_board_seen_by_a_lidar_leaves_three_directions_open():
 
 def test_a_sensor_with_an_open_direction_gets_no_pose_and_says_which():
     setup = made(3, [("cylinder", [0, 0, 1])] * 5, range_=0.01)
-    result = estimation.estimate(setup, {"lidar": TRUE["lidar"]}, 30, 1e-8, 1e-8, 10.0)
+    result = solver.estimate(setup, {"lidar": TRUE["lidar"]}, 30, 1e-8, 1e-8, 10.0)
     guess = {
         "frame": "lidar",
         "T_robot_sensor": None,
@@ -228,7 +242,7 @@ def test_a_sensor_with_an_open_direction_gets_no_pose_and_says_which():
         "targets": {"cylinder": {}},
         "sessions": ["s"],
     }
-    content = solution.as_json(setup, result, [], {"lidar": (solution.OK, guess)}, options)
+    content = solution_json.as_json(setup, result, [], {"lidar": (status.OK, guess)}, options)
     lidar = content["sensors"]["lidar"]
     assert lidar["T_robot_sensor"] is None and lidar["covariance"] is None
     assert "cylinders' common axis, z of the robot body" in lidar["status"]["reason"]
@@ -242,8 +256,8 @@ def test_the_results_carry_the_covariance_of_the_estimate_in_its_own_order():
     guess = {"frame": "f", "T_robot_sensor": None, "sigma": [1] * 6, "source": "config"} | NO_OFFSET
     kinds = {"camera": {"kind": "camera"}, "lidar": {"kind": "lidar"}}
     options = {"rig": "r", "sensors": kinds, "targets": {}, "sessions": ["s"]}
-    known = {name: (solution.OK, guess) for name in kinds}
-    content = solution.as_json(setup, result, [], known, options)
+    known = {name: (status.OK, guess) for name in kinds}
+    content = solution_json.as_json(setup, result, [], known, options)
     spread = covariance(result.solution.information)
     assert content["joint_covariance"]["order"] == ["camera", "lidar"]
     np.testing.assert_array_equal(content["joint_covariance"]["matrix"], spread[:12, :12])
@@ -253,17 +267,17 @@ def test_the_results_carry_the_covariance_of_the_estimate_in_its_own_order():
 
 
 def test_nothing_to_solve_is_a_result_without_a_solution():
-    setup = given.Setup({}, TARGETS, [], [], ASSOCIATE, {})
-    result = estimation.estimate(setup, {}, 30, 1e-8, 1e-8, 10.0)
+    setup = estimation_problem.Setup({}, TARGETS, [], [], ASSOCIATE, {})
+    result = solver.estimate(setup, {}, 30, 1e-8, 1e-8, 10.0)
     assert result.solution is None and not result.settled
-    assert len(solution.residuals(setup, result)["sensor"]) == 0
+    assert len(residual_table.residuals(setup, result)["sensor"]) == 0
 
 
 def test_a_prior_holds_what_the_data_leave_open():
     setup = made(3, [("cylinder", [0, 0, 1])] * 5, range_=0.01)
     sigma = np.full(6, 0.01)
-    held = given.Setup(**vars(setup) | {"prior": {"lidar": (TRUE["lidar"], sigma)}})
-    result = estimation.estimate(held, {"lidar": TRUE["lidar"]}, 30, 1e-8, 1e-8, 10.0)
+    held = estimation_problem.Setup(**vars(setup) | {"prior": {"lidar": (TRUE["lidar"], sigma)}})
+    result = solver.estimate(held, {"lidar": TRUE["lidar"]}, 30, 1e-8, 1e-8, 10.0)
     assert np.abs(error(result, "lidar")).max() < 0.01
 
 
@@ -271,9 +285,9 @@ def test_a_prior_holds_what_the_data_leave_open():
 
 
 def test_where_a_board_sits_in_its_body_is_found_with_the_sensors_from_exact_measurements():
-    setup = replace(made(0, MIXED), mounts={"board": geometry.se3_exp(np.full(6, 0.02))})
+    setup = replace(made(0, MIXED), mounts={"board": se3.se3_exp(np.full(6, 0.02))})
     result = settled(setup)
-    assert np.abs(geometry.se3_log(result.state.mounts["board"])).max() < 1e-7
+    assert np.abs(se3.se3_log(result.state.mounts["board"])).max() < 1e-7
     for name in ("camera", "lidar"):
         assert np.abs(error(result, name)).max() < 1e-7
 
@@ -293,10 +307,13 @@ def test_targets_at_one_rest_of_the_robot_share_the_error_of_its_pose():
     shared = replace(setup, placements=places)
     assert shared.robots.tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
     assert (shared.n, setup.n) == (12 + 6 * (4 + 8), 12 + 6 * 16)
-    T = [chain.T_robot_target(shared, chain.start(shared, TRUE, 1.0), k) for k in (0, 1)]
-    state = chain.start(shared, TRUE, 1.0)
+    T = [
+        pose_chain.T_robot_target(shared, estimate_state.start(shared, TRUE, 1.0), k)
+        for k in (0, 1)
+    ]
+    state = estimate_state.start(shared, TRUE, 1.0)
     state.y[0, 0] = 3.0
-    moved = [chain.T_robot_target(shared, state, k) for k in (0, 1)]
+    moved = [pose_chain.T_robot_target(shared, state, k) for k in (0, 1)]
     for k in (0, 1):
         step = moved[k][:3, 3] - T[k][:3, 3]
         assert step == pytest.approx([-3 * MCS_SIGMA[0], 0, 0], abs=1e-12)
@@ -311,5 +328,5 @@ def test_rests_of_two_sessions_are_never_the_same():
 def test_still_intervals_that_overlap_by_more_than_half_are_one_rest():
     start, end = np.array([[0, 10], [1, 11], [9, 20], [30, 40], [32, 50], [12, 19]]).T
     kind = np.array(["still", "still", "still", "still", "still", "moving"])
-    found = placements.together({"start": start, "end": end, "kind": kind})
+    found = measurement_groups.together({"start": start, "end": end, "kind": kind})
     assert found[0] == found[1] != found[2] and found[3] == found[4] != found[2] and found[5] == -1

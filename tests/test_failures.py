@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import runs
-from calib.benchmark import fuzz_configs
+from benchmarking.fuzzing import random_configs
 from runs import config, rig
 
 VERDICT = "results/sim/verdict.json"
@@ -200,7 +200,7 @@ def test_a_log_that_changed_after_decode_is_refused_by_crop(again):
 @pytest.mark.parametrize(
     "text, words",
     [
-        (fuzz_configs.BOMB, "unfolds to more than 100000 values"),
+        (random_configs.BOMB, "unfolds to more than 100000 values"),
         ("sessions: {a: {rig: sim, log: x}}\nsessions: {}", "key 'sessions' stands in line 1"),
         ("sessions: \x1b[2J", "not valid YAML"),
     ],

@@ -8,7 +8,7 @@ import yaml
 import fault_table
 import runs
 import wrecks
-from calib.status import InputError
+from calib.io.status import InputError
 from test_intake import taken
 
 DOC = (runs.ROOT / "docs/faults.md").read_text()

@@ -8,8 +8,13 @@ import pytest
 
 import containers
 import recorders
-from calib import chains, faults, geometry, mcs, stage, stamps, streams, swaps
+from calib.decoding import stream_clocks
+from calib.geometry import se3
+from calib.io import stage_cli
+from calib.mocap import body_frame_chains, pose_conventions, pose_faults, swapped_bodies
+from calib.mocap.messages import pose_messages
 from containers import BEGIN, BOARD, MAP, MS, ROBOT
+from simulation import ros_log
 from test_intake import taken
 
 S = 1_000_000_000
@@ -22,13 +27,13 @@ def moving(n=400, hz=100, seed=0, noise=NOISE):
     s = (t / S)[:, None]
     xi = np.hstack([np.sin(s * [0.7, 1.1, 0.4]), 0.4 * np.cos(s * [0.3, 0.5, 0.2])])
     xi += noise * np.random.default_rng(seed).normal(size=(n, 6))
-    T = geometry.pose(t=[1.0, 2.0, 0.8]) @ geometry.se3_exp(xi)
-    return t, T[:, :3, 3].copy(), geometry.to_quat(T)
+    T = se3.pose(t=[1.0, 2.0, 0.8]) @ se3.se3_exp(xi)
+    return t, T[:, :3, 3].copy(), se3.to_quat(T)
 
 
 def found(t, xyz, quat):
     """{fault: numbers of the poses that have it}."""
-    fault = faults.of(t, xyz, quat)
+    fault = pose_faults.of(t, xyz, quat)
     return {k: np.flatnonzero(fault == k).tolist() for k in sorted(set(fault.tolist()) - {""})}
 
 
@@ -91,7 +96,7 @@ def test_names_that_are_swapped_for_a_while_are_a_jump_of_both():
 
 def track(t, xyz, quat):
     """Columns of a body, each pose with its fault."""
-    return {"t": t, "xyz": xyz, "quat": quat, "fault": faults.of(t, xyz, quat)}
+    return {"t": t, "xyz": xyz, "quat": quat, "fault": pose_faults.of(t, xyz, quat)}
 
 
 def two_bodies():
@@ -103,7 +108,7 @@ def two_bodies():
 
 def named(*bodies):
     """{fault: number of poses} of bodies that are looked at together."""
-    tracks = swaps.named({str(i): track(*b) for i, b in enumerate(bodies)})
+    tracks = swapped_bodies.named({str(i): track(*b) for i, b in enumerate(bodies)})
     return [Counter(c["fault"][c["fault"] != ""].tolist()) for c in tracks.values()]
 
 
@@ -189,10 +194,10 @@ def edges(xyz, quat):
 
 def test_millimetres_are_taken_as_such_and_told():
     _, xyz, quat = moving()
-    taken, words = streams.standard(edges(1000 * xyz, quat))
+    taken, words = pose_conventions.standard(edges(1000 * xyz, quat))
     assert taken[MAP, ROBOT]["xyz"] == pytest.approx(xyz)
     assert [w.split(":")[0] for w in words] == ["millimetres, taken as such"]
-    assert streams.standard(edges(xyz, quat))[1] == []
+    assert pose_conventions.standard(edges(xyz, quat))[1] == []
 
 
 def driving(n=500):
@@ -200,33 +205,33 @@ def driving(n=500):
     yaw = np.linspace(0, 5, n)
     xyz = np.column_stack([2 * np.sin(yaw), 2 * np.cos(yaw), 0.3 + 0.001 * np.sin(9 * yaw)])
     xi = np.column_stack([np.zeros((n, 5)), yaw])
-    T = geometry.se3_exp(xi) @ geometry.from_rpy([0, 0, 0], [0.1, 0.2, 0.3])
-    return xyz, geometry.to_quat(T)
+    T = se3.se3_exp(xi) @ se3.from_rpy([0, 0, 0], [0.1, 0.2, 0.3])
+    return xyz, se3.to_quat(T)
 
 
 def test_quaternions_as_wxyz_are_put_right_where_a_robot_drives():
     xyz, quat = driving()
-    taken, words = streams.standard(edges(xyz, np.roll(quat, 1, axis=1)))
+    taken, words = pose_conventions.standard(edges(xyz, np.roll(quat, 1, axis=1)))
     assert taken[MAP, ROBOT]["quat"] == pytest.approx(quat)
     assert [w.split(":")[0] for w in words] == ["quaternions as wxyz, taken as such"]
-    assert streams.standard(edges(xyz, quat))[1] == []
+    assert pose_conventions.standard(edges(xyz, quat))[1] == []
 
 
 def test_quaternions_that_may_be_wxyz_are_told_where_a_robot_hardly_moves():
     xi = 0.05 * np.random.default_rng(0).normal(size=(200, 6))
-    T = geometry.se3_exp(xi)
-    xyz, quat = T[:, :3, 3], geometry.to_quat(T)
-    taken, words = streams.standard(edges(xyz, np.roll(quat, 1, axis=1)))
+    T = se3.se3_exp(xi)
+    xyz, quat = T[:, :3, 3], se3.to_quat(T)
+    taken, words = pose_conventions.standard(edges(xyz, np.roll(quat, 1, axis=1)))
     assert [w.split(":")[0] for w in words] == ["quaternions may be wxyz, taken as xyzw"]
     assert ROBOT in words[0] and (taken[MAP, ROBOT]["quat"] == np.roll(quat, 1, axis=1)).all()
-    assert streams.standard(edges(xyz, quat))[1] == []
+    assert pose_conventions.standard(edges(xyz, quat))[1] == []
 
 
 def test_a_map_whose_y_axis_points_up_is_told():
     xyz, quat = driving()
-    up = geometry.from_rpy([0, 0, 0], [-np.pi / 2, 0, 0])
-    T = up @ geometry.from_xyz_quat(xyz, quat)
-    taken, words = streams.standard(edges(T[:, :3, 3], geometry.to_quat(T)))
+    up = se3.from_rpy([0, 0, 0], [-np.pi / 2, 0, 0])
+    T = up @ se3.from_xyz_quat(xyz, quat)
+    taken, words = pose_conventions.standard(edges(T[:, :3, 3], se3.to_quat(T)))
     assert [w.split(":")[0] for w in words] == ["the y axis of the map points up"]
 
 
@@ -236,7 +241,7 @@ def test_a_map_whose_y_axis_points_up_is_told():
 def told(delays, jitter=2 * MS):
     """clocks() of streams of 50 messages each, late by so many ns."""
     rng, log_t = np.random.default_rng(0), BEGIN + np.arange(50) * 10 * MS
-    return stamps.clocks(
+    return stream_clocks.clocks(
         {k: (log_t - d - rng.integers(0, jitter, 50), log_t) for k, d in delays.items()}
     )
 
@@ -264,7 +269,7 @@ def test_streams_of_one_far_clock_stay_together():
 
 def test_log_times_stand_for_stamps_that_are_missing_or_stand_still():
     log_t = BEGIN + np.arange(50) * 10 * MS
-    clocks = stamps.clocks({"a": (np.full(50, -1), log_t), "b": (np.full(50, BEGIN), log_t)})
+    clocks = stream_clocks.clocks({"a": (np.full(50, -1), log_t), "b": (np.full(50, BEGIN), log_t)})
     assert clocks["a"].words == "log time: messages without a stamp"
     assert clocks["b"].words == "log time: stamps that do not go on"
     for clock in clocks.values():
@@ -272,7 +277,7 @@ def test_log_times_stand_for_stamps_that_are_missing_or_stand_still():
 
 
 def test_a_message_without_a_stamp_among_others_has_its_log_time():
-    clock = stamps.Clock(5, "", 5)
+    clock = stream_clocks.Clock(5, "", 5)
     assert clock.times(np.array([100, -1]), np.array([107, 209])).tolist() == [105, 209]
 
 
@@ -282,20 +287,20 @@ def test_a_message_without_a_stamp_among_others_has_its_log_time():
 def columns(t, T, fault=""):
     n = len(t)
     fault = np.full(n, fault, "U24")
-    turned = geometry.to_quat(T)
+    turned = se3.to_quat(T)
     return {"t": t, "log_t": t + MS, "xyz": T[:, :3, 3], "quat": turned, "fault": fault}
 
 
 def twist(t, xi):
-    return geometry.se3_exp(t[:, None] / S * np.asarray(xi, float))
+    return se3.se3_exp(t[:, None] / S * np.asarray(xi, float))
 
 
 def composed(found, static, body="body", gap=50 * MS):
-    blocks = {e: {"xyz_m": T[:3, 3], "quat_xyzw": geometry.to_quat(T)} for e, T in static.items()}
-    return chains.bodies(found, blocks, MAP, [body], gap).get(body)
+    blocks = {e: {"xyz_m": T[:3, 3], "quat_xyzw": se3.to_quat(T)} for e, T in static.items()}
+    return body_frame_chains.bodies(found, blocks, MAP, [body], gap).get(body)
 
 
-UP = geometry.pose(t=[0, 0, 1.5])
+UP = se3.pose(t=[0, 0, 1.5])
 SLOW, FAST = np.arange(0, 2 * S, 20 * MS), np.arange(5 * MS, int(1.9 * S), 10 * MS)
 BASE, ARM = [0.2, 0, 0.1, 0, 0, 0.5], [0, 0.1, 0, 0.3, 0, 0]
 
@@ -303,14 +308,14 @@ BASE, ARM = [0.2, 0, 0.1, 0, 0, 0.5], [0, 0.1, 0, 0.3, 0, 0]
 def test_a_body_below_a_static_frame_is_given_in_the_map():
     found = {("tracker", "body"): columns(FAST, twist(FAST, ARM))}
     body = composed(found, {(MAP, "tracker"): UP})
-    T = geometry.from_xyz_quat(body["xyz"], body["quat"])
+    T = se3.from_xyz_quat(body["xyz"], body["quat"])
     assert np.abs(T - UP @ twist(FAST, ARM)).max() < 1e-14 and (body["t"] == FAST).all()
 
 
 def test_a_body_on_a_static_frame_of_another_is_given_at_that_one_s_stamps():
     found = {(MAP, "markers"): columns(SLOW, twist(SLOW, BASE))}
     body = composed(found, {("markers", "body"): UP})
-    T = geometry.from_xyz_quat(body["xyz"], body["quat"])
+    T = se3.from_xyz_quat(body["xyz"], body["quat"])
     assert np.abs(T - twist(SLOW, BASE) @ UP).max() < 1e-14 and (body["t"] == SLOW).all()
 
 
@@ -320,7 +325,7 @@ def test_a_frame_in_between_is_interpolated_at_the_body_s_stamps():
         ("base", "arm"): columns(FAST, twist(FAST, ARM)),
     }
     body = composed(found, {("arm", "body"): UP})
-    T = geometry.from_xyz_quat(body["xyz"], body["quat"])
+    T = se3.from_xyz_quat(body["xyz"], body["quat"])
     assert np.abs(T - twist(FAST, BASE) @ twist(FAST, ARM) @ UP).max() < 1e-12
 
 
@@ -360,7 +365,7 @@ def test_a_body_on_a_static_frame_of_one_that_hangs_from_another_is_found_in_a_l
     for body in (ROBOT, BOARD):
         assert audit["bodies"][body]["status"]["ok"]
         mine = poses["body"] == body
-        T = geometry.from_xyz_quat(poses["xyz"][mine], poses["quat"][mine])
+        T = se3.from_xyz_quat(poses["xyz"][mine], poses["quat"][mine])
         assert np.abs(T - known.poses[body]).max() < 1e-12
         assert (poses["t"][mine] == known.times).all()
 
@@ -466,7 +471,7 @@ def test_a_sensor_in_a_serialisation_that_is_not_read_says_so(tmp_path):
 
 
 def test_a_static_transform_sent_before_from_s_is_known(tmp_path):
-    T = containers.record.transforms(BEGIN, ROBOT, {"lidar": UP})
+    T = ros_log.transforms(BEGIN, ROBOT, {"lidar": UP})
     rows = [(BEGIN, "/tf_static", mcs_type(), T), *containers.recording("TFMessage")]
     options = containers.options("TFMessage") | {"from_s": 0.1, "bodies": ["lidar"]}
     log = str(containers.mcap(tmp_path / "a.mcap", rows))
@@ -477,21 +482,21 @@ def test_a_static_transform_sent_before_from_s_is_known(tmp_path):
 
 @pytest.mark.parametrize("kind", ["TFMessage", "Image"])
 def test_a_static_transform_that_is_no_number_or_of_another_type_stops_nothing(tmp_path, kind):
-    T = containers.record.transforms(BEGIN, ROBOT, {"lidar": UP})
+    T = ros_log.transforms(BEGIN, ROBOT, {"lidar": UP})
     T.transforms[0].transform.translation.x = float("nan")
     row = (BEGIN, "/tf_static", mcs_type(), T)
     if kind == "Image":
-        row = (BEGIN, "/tf_static", containers.record.IMAGE, containers.image(BEGIN))
+        row = (BEGIN, "/tf_static", ros_log.IMAGE, containers.image(BEGIN))
     audit, poses = recorded(tmp_path, [row, *containers.recording("TFMessage")])
     assert audit["static"] == [] and (poses["body"] == ROBOT).sum() == 20
-    stage.write_json(tmp_path / "log.json", audit)
+    stage_cli.write_json(tmp_path / "log.json", audit)
     assert len(audit["faults"]) == (1 if kind == "TFMessage" else 0)
     assert all("from robot to lidar is not a number" in fault for fault in audit["faults"])
 
 
 def mcs_type():
     """The type of /tf_static."""
-    return next(iter(mcs.TYPES))
+    return next(iter(pose_messages.TYPES))
 
 
 def test_a_track_that_jumps_all_the_time_is_judged_in_no_time():

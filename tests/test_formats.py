@@ -19,21 +19,25 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import runs
-from calib import formats, geometry, images, rig, stage, tables, urdf
-from calib.formats import foxglove, index, tf_static
-from calib.formats.scene import Session, scene
-from calib.sim import rigs
-from calib.status import Status
+from calib.export import export_readme
+from calib.export.calibrated_scene import Session, scene
+from calib.export.formats import format_registry, foxglove, tf_static
+from calib.geometry import se3
+from calib.io import parquet_tables, pose_block, stage_cli, table_schemas, urdf_file
+from calib.io.status import Status
+from calib.sensors import sensor_models
+from calib.sensors.camera.images import image_messages
+from simulation import simulated_rigs
 
 POINT = np.array([0.3, -1.2, 2.5])
 BODY = "mocap/robot"
 POSES = {
-    "front": geometry.from_rpy([0.3, 0.02, 0.61], [0.01, -0.03, 0.4]),
+    "front": se3.from_rpy([0.3, 0.02, 0.61], [0.01, -0.03, 0.4]),
     # Where yaw and roll turn about one axis.
-    "down": geometry.from_rpy([0.1, 0.5, 0.4], [0.3, np.pi / 2 - 1e-8, -0.7]),
-    "left": geometry.from_rpy([0.05, 0.2, 0.59], [-1.6, 0.01, 0.02]),
-    "right": geometry.from_rpy([-0.06, -0.21, 0.6], [-1.5, 0.05, 3.1]),
-    "fish": geometry.from_rpy([0.2, 0.0, 0.5], [np.pi / 2, -3.0, 1.0]),
+    "down": se3.from_rpy([0.1, 0.5, 0.4], [0.3, np.pi / 2 - 1e-8, -0.7]),
+    "left": se3.from_rpy([0.05, 0.2, 0.59], [-1.6, 0.01, 0.02]),
+    "right": se3.from_rpy([-0.06, -0.21, 0.6], [-1.5, 0.05, 3.1]),
+    "fish": se3.from_rpy([0.2, 0.0, 0.5], [np.pi / 2, -3.0, 1.0]),
 }
 FRAMES = {
     "front": "velodyne",
@@ -44,8 +48,8 @@ FRAMES = {
 }
 MODELS = {
     "left": ("radtan", (802.3, 801.1, 452.6, 347.9, -0.21, 0.07, 4e-4, -3e-4, 0.0)),
-    "right": ("kannala_brandt", rigs.PARAMS["kannala_brandt"]),
-    "fish": ("double_sphere", rigs.PARAMS["double_sphere"]),
+    "right": ("kannala_brandt", simulated_rigs.PARAMS["kannala_brandt"]),
+    "fish": ("double_sphere", simulated_rigs.PARAMS["double_sphere"]),
 }
 SIZE = (900, 700)
 PARENT = {
@@ -70,7 +74,7 @@ def described(parent=PARENT, frames=FRAMES, sessions=None, **export):
             "kind": sensor_of(n)["kind"],
             "frame": frames[n],
             "status": Status().to_dict(),
-            "T_robot_sensor": rig.pose_json(T),
+            "T_robot_sensor": pose_block.pose_json(T),
             "intrinsics": None,
         }
         for n, T in POSES.items()
@@ -94,16 +98,16 @@ def described(parent=PARENT, frames=FRAMES, sessions=None, **export):
 def T_parent_sensor(calibration, name, parent=PARENT):
     """What a file must say, by calibration.json and the config alone."""
     T = np.array(calibration["sensors"][name]["T_robot_sensor"]["matrix"])
-    return rig.pose(parent["T_parent_robot"]) @ T
+    return pose_block.pose(parent["T_parent_robot"]) @ T
 
 
 def same(found, expected):
     """The same SE(3) to 1e-9 m and rad; and a point goes where it should, not back."""
     found, expected = np.asarray(found, float), np.asarray(expected)
-    assert np.abs(geometry.se3_log(geometry.inverse(expected) @ found)).max() < 1e-9
+    assert np.abs(se3.se3_log(se3.inverse(expected) @ found)).max() < 1e-9
     there = found[:3, :3] @ POINT + found[:3, 3]
-    assert there == pytest.approx(geometry.transform(expected, POINT), abs=1e-9)
-    assert np.linalg.norm(there - geometry.transform(geometry.inverse(expected), POINT)) > 0.1
+    assert there == pytest.approx(se3.transform(expected, POINT), abs=1e-9)
+    assert np.linalg.norm(there - se3.transform(se3.inverse(expected), POINT)) > 0.1
 
 
 def matrix(xyz, quat=None, rpy=None):
@@ -213,7 +217,7 @@ def read_opencv(calibration, files):
 def project(name, function):
     """That a reader's projection puts points of a camera's frame into the pixels of ours."""
     points = np.array([[0.1, 0.2, 1.0], [-0.3, 0.1, 1.2], [0.0, 0.0, 1.0], [0.4, -0.3, 0.9]])
-    uv, _ = rig.camera(sensor_of(name)).project(points)
+    uv, _ = sensor_models.camera(sensor_of(name)).project(points)
     assert np.reshape(function(points), (-1, 2)) == pytest.approx(uv, abs=1e-6)
 
 
@@ -272,10 +276,10 @@ def read_mrcal(calibration, files):
 def test_mrcal_itself_reads_its_cameras(tmp_path):
     mrcal = pytest.importorskip("mrcal", reason="mrcal is not installed here")
     calibration, shown = described()
-    files = formats.FORMATS["mrcal"].render(shown)
+    files = format_registry.FORMATS["mrcal"].render(shown)
     (tmp_path / "left.cameramodel").write_text(files["left.cameramodel"])
     model = mrcal.cameramodel(str(tmp_path / "left.cameramodel"))
-    same(geometry.pose(*np.split(model.Rt_ref_cam(), [3])), T_parent_sensor(calibration, "left"))
+    same(se3.pose(*np.split(model.Rt_ref_cam(), [3])), T_parent_sensor(calibration, "left"))
     project("left", lambda p: mrcal.project(p, *model.intrinsics()))
 
 
@@ -336,19 +340,19 @@ READERS = {
 @pytest.mark.parametrize("name", sorted(READERS))
 def test_a_format_says_the_same_poses_to_another_reader(name, tmp_path):
     calibration, shown = described()
-    files = formats.FORMATS[name].render(shown)
+    files = format_registry.FORMATS[name].render(shown)
     more = (tmp_path,) if name == "xacro" else ()
     READERS[name](calibration, files, *more)
 
 
 def test_every_format_has_a_reader_here():
-    assert set(READERS) | {"tf_static", "foxglove"} == set(formats.FORMATS)
+    assert set(READERS) | {"tf_static", "foxglove"} == set(format_registry.FORMATS)
 
 
 @pytest.mark.parametrize("name", sorted(READERS))
 def test_every_text_names_its_convention_and_a_worked_point_that_is_so(name):
     _, shown = described()
-    module = formats.FORMATS[name]
+    module = format_registry.FORMATS[name]
     for file, content in module.render(shown).items():
         if isinstance(content, Status):
             assert not content.ok and content.reason
@@ -359,7 +363,7 @@ def test_every_text_names_its_convention_and_a_worked_point_that_is_so(name):
 
 def test_a_worked_point_is_that_of_the_pose():
     calibration, shown = described()
-    x, y, z = geometry.transform(T_parent_sensor(calibration, "down"), [1, 0, 0])
+    x, y, z = se3.transform(T_parent_sensor(calibration, "down"), [1, 0, 0])
     line = f"down: the point (1, 0, 0) of os_sensor is ({x:.6f}, {y:.6f}, {z:.6f}) in base_link"
     assert line in shown.worked()
     assert "rear is left out: rear has no view of a target" in shown.worked()
@@ -384,7 +388,9 @@ def test_tf_static_opens_beside_the_recording_latched_and_stamped_at_its_start(f
     (qos,) = yaml.safe_load(channel.metadata["offered_qos_profiles"])
     transient_local, reliable = 1, 1
     assert (qos["durability"], qos["reliability"]) == (transient_local, reliable)
-    frames, _, _ = tables.read(finished / "results/sim/sim/frames.parquet", tables.FRAMES)
+    frames, _, _ = parquet_tables.read(
+        finished / "results/sim/sim/frames.parquet", table_schemas.FRAMES
+    )
     assert message.log_time == frames["log_t"].min()
     assert "maps points of child_frame_id into header.frame_id" in about.metadata["convention"]
     assert "the point (1, 0, 0) of velodyne is" in about.metadata["worked_point"]
@@ -394,7 +400,7 @@ def test_tf_static_opens_beside_the_recording_latched_and_stamped_at_its_start(f
     said = store.deserialize_cdr(message.data, schema.name).transforms
     assert {t.header.frame_id for t in said} == {"mocap/robot"}
     edges = edges_of_bag(path)
-    result = stage.read_json(finished / "results/sim/calibration.json")["sensors"]
+    result = stage_cli.read_json(finished / "results/sim/calibration.json")["sensors"]
     for name in ("camera", "velodyne"):
         expected = np.array(result[name]["T_robot_sensor"]["matrix"])
         same(chained(edges, "mocap/robot", name), expected)
@@ -402,7 +408,7 @@ def test_tf_static_opens_beside_the_recording_latched_and_stamped_at_its_start(f
 
 @pytest.mark.parametrize("parent", ["", PARENT])
 def test_tf_static_hangs_on_the_markers_as_they_were_in_its_session(parent, tmp_path):
-    T_robot_body = geometry.from_rpy([0.02, -0.03, 0.01], [0.1, 0.05, -0.2])
+    T_robot_body = se3.from_rpy([0.02, -0.03, 0.01], [0.1, 0.05, -0.2])
     anew = Session("anew", 5_000_000_000, T_robot_body, {}, {})
     calibration, shown = described(parent=parent, sessions={"anew": anew})
     (tmp_path / "a.mcap").write_bytes(tf_static.render(shown)["tf_static_anew.mcap"])
@@ -436,13 +442,15 @@ def test_the_mcap_for_foxglove_holds_coloured_clouds_and_points_drawn_into_the_i
     finished, exported
 ):
     found = messages_of(exported / "foxglove_sim.mcap")
-    result = stage.read_json(finished / "results/sim/calibration.json")["sensors"]
+    result = stage_cli.read_json(finished / "results/sim/calibration.json")["sensors"]
     T = {n: np.array(s["T_robot_sensor"]["matrix"]) for n, s in result.items()}
     same(chained(edges_of_bag(exported / "foxglove_sim.mcap"), BODY, "camera"), T["camera"])
     assert len(found["/board/camera/image"]) == len(found["/board/camera/projected"]) == 4
     assert len(found["/board/camera/camera_info"]) == 4
     assert found["/tf_static"][0][0] <= min(t for m in found.values() for t, _ in m)
-    camera = rig.camera(sensor_of("left") | {"params": list(rigs.PARAMS["radtan"])})
+    camera = sensor_models.camera(
+        sensor_of("left") | {"params": list(simulated_rigs.PARAMS["radtan"])}
+    )
     coloured, drawn = 0, 0
     for (_, image), (_, marked) in zip(
         found["/board/camera/image"], found["/board/camera/projected"], strict=True
@@ -455,7 +463,7 @@ def test_the_mcap_for_foxglove_holds_coloured_clouds_and_points_drawn_into_the_i
     for _, cloud in found["/board/velodyne/points"] + found["/cylinder/velodyne/points"]:
         assert cloud.header.frame_id == "velodyne"
         xyz, rgb = points_of(cloud)
-        in_camera = geometry.transform(geometry.inverse(T["camera"]) @ T["velodyne"], xyz)
+        in_camera = se3.transform(se3.inverse(T["camera"]) @ T["velodyne"], xyz)
         uv, valid = camera.project(in_camera)
         away = ~(valid & camera.in_image(uv))
         assert (rgb[away] == 150).all()
@@ -465,7 +473,7 @@ def test_the_mcap_for_foxglove_holds_coloured_clouds_and_points_drawn_into_the_i
     for name in ("board", "cylinder"):
         where = dict(found[f"/{name}/points"])
         for t, cloud in found[f"/{name}/velodyne/points"]:
-            scan = cKDTree(geometry.transform(T["velodyne"], points_of(cloud)[0]))
+            scan = cKDTree(se3.transform(T["velodyne"], points_of(cloud)[0]))
             nearest = scan.query(points_of(where[t])[0])[0]
             assert np.quantile(nearest, 0.1) < 0.03
 
@@ -478,8 +486,8 @@ def test_a_return_has_the_colour_of_the_pixel_that_shows_it():
     known = np.ones(SIZE[::-1], bool)
     known[:, :450] = False
     p_left = np.array([[0.1, 0.2, 1.0], [-0.2, 0.1, 1.5], [0.1, 0.2, -1.0]])
-    T_front_left = geometry.inverse(POSES["front"]) @ POSES["left"]
-    scan = foxglove.View(0, xyz=geometry.transform(T_front_left, p_left))
+    T_front_left = se3.inverse(POSES["front"]) @ POSES["left"]
+    scan = foxglove.View(0, xyz=se3.transform(T_front_left, p_left))
     seen = {"left": foxglove.View(0, image=image, known=known)}
     colours = foxglove.coloured(shown, shown.sensors["front"], scan, seen)
     uv, _ = shown.sensors["left"].camera.project(p_left[:1])
@@ -549,8 +557,8 @@ def test_a_lens_that_the_log_tells_is_in_every_format_that_holds_one(name, told_
     K, d = (np.array(v, float) for v in LENSES[name](told_by_the_log))
     points = np.array([[0.1, 0.2, 1.0], [-0.3, 0.1, 1.2], [0.0, 0.0, 1.0], [0.4, -0.3, 0.9]])
     found = cv2.projectPoints(points[None], np.zeros(3), np.zeros(3), K.reshape(3, 3), d)[0]
-    lens = {"model": "radtan", "params": rigs.PARAMS["radtan"], "size_px": SIZE}
-    uv, _ = rig.camera(lens).project(points)
+    lens = {"model": "radtan", "params": simulated_rigs.PARAMS["radtan"], "size_px": SIZE}
+    uv, _ = sensor_models.camera(lens).project(points)
     assert np.reshape(found, (-1, 2)) == pytest.approx(uv, abs=1e-6)
 
 
@@ -576,7 +584,7 @@ def test_the_parent_may_be_a_sensor(tmp_path):
 
 
 def test_the_parent_may_be_a_link_known_from_a_sensor():
-    T_base_lidar = geometry.from_rpy([1.1, 0.2, 0.3], [0.1, 0.2, 0.3])
+    T_base_lidar = se3.from_rpy([1.1, 0.2, 0.3], [0.1, 0.2, 0.3])
     parent = {"frame": "base_link", "sensor": "front"}
     parent["T_parent_sensor"] = {"matrix": T_base_lidar.tolist()}
     _, shown = described(parent=parent)
@@ -614,7 +622,7 @@ def test_intrinsics_that_were_estimated_go_before_those_configured():
         "body": BODY,
         "sensors": {n: sensor_of(n) for n in (*POSES, "rear")},
     }
-    text = formats.FORMATS["ros_camera_info"].render(scene(calibration, options))
+    text = format_registry.FORMATS["ros_camera_info"].render(scene(calibration, options))
     assert yaml.safe_load(text["camera_info_left.yaml"])["camera_matrix"]["data"][0] == 805.25
 
 
@@ -622,7 +630,7 @@ def test_kalibr_leaves_out_a_camera_with_a_k3_and_says_so():
     calibration, shown = described()
     left = shown.sensors["left"].camera
     object.__setattr__(left, "params", (*left.params[:8], 0.02))
-    files = formats.FORMATS["kalibr"].render(shown)
+    files = format_registry.FORMATS["kalibr"].render(shown)
     assert "k3, that of left is 0.02" in files["camchain.yaml: left"].reason
     chain = yaml.safe_load(files["camchain.yaml"])
     assert [c["rostopic"] for c in chain.values()] == ["/fish/data", "/right/data"]
@@ -634,7 +642,7 @@ def test_kalibr_leaves_out_a_camera_with_a_k3_and_says_so():
 def test_names_from_a_log_are_data_in_every_format(name, tmp_path):
     bad = "a\"b'c --> ${1/0} & <x> \n# y: [ $(cwd) "
     _, shown = described(frames=FRAMES | {"front": bad, "left": bad + "2"})
-    files = formats.FORMATS[name].render(shown)
+    files = format_registry.FORMATS[name].render(shown)
     for file, content in files.items():
         if isinstance(content, Status):
             continue
@@ -660,15 +668,15 @@ def test_names_from_a_log_are_data_in_every_format(name, tmp_path):
 
 
 def test_the_index_names_every_file_and_what_could_not_be_written(finished, exported):
-    text = (exported / index.FILE).read_text()
+    text = (exported / export_readme.FILE).read_text()
     for path in exported.rglob("*"):
-        if path.is_file() and path.name != index.FILE:
+        if path.is_file() and path.name != export_readme.FILE:
             assert f"`{path.relative_to(exported)}`" in text
     _, shown = described()
-    written = {n: {} for n in formats.FORMATS}
+    written = {n: {} for n in format_registry.FORMATS}
     written["mrcal"] = {"fish.cameramodel": Status(False, "mrcal has no lens model")}
     judged = {"verdict": "warn", "reasons": ["left: placements 4, warn below 5"]}
-    text = index.render(shown, written, judged, {})
+    text = export_readme.render(shown, written, judged, {})
     assert "not written: fish.cameramodel: mrcal has no lens model" in text
     assert "left: placements 4, warn below 5" in text
 
@@ -676,7 +684,7 @@ def test_the_index_names_every_file_and_what_could_not_be_written(finished, expo
 def test_images_are_what_was_kept_of_them_and_black_elsewhere():
     part = np.full((20, 30, 3), 200, np.uint8)
     _, shown = described()
-    row = {"t": 7, "u0": 100, "v0": 50, "png": images.to_png(part)}
+    row = {"t": 7, "u0": 100, "v0": 50, "png": image_messages.to_png(part)}
     view = foxglove._view(shown.sensors["left"], row)
     assert view.known.sum() == 600 and view.known[50, 100] and not view.known[49, 100]
     assert (view.image[50:70, 100:130] == 200).all() and view.image[:50].max() == 0
@@ -684,4 +692,4 @@ def test_images_are_what_was_kept_of_them_and_black_elsewhere():
 
 def test_urdf_numbers_hold_every_digit():
     T = POSES["down"]
-    assert [float(w) for w in urdf.origin(T)["xyz"].split()] == T[:3, 3].tolist()
+    assert [float(w) for w in urdf_file.origin(T)["xyz"].split()] == T[:3, 3].tolist()

@@ -8,16 +8,16 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib import config, yamls
-from calib.benchmark import fuzz, fuzz_configs
-from calib.status import InputError
+from benchmarking.fuzzing import random_configs, run_cases
+from calib.io import config, safe_yaml
+from calib.io.status import InputError
 
 CASES = 500
 
 
 @pytest.fixture(scope="module")
 def outcomes():
-    return fuzz.everything(CASES, seed=0, cores=1)
+    return run_cases.everything(CASES, seed=0, cores=1)
 
 
 def test_no_case_breaks(outcomes):
@@ -38,7 +38,7 @@ def test_no_case_takes_more_memory_than_a_good_log(outcomes):
 
 
 def test_a_case_is_the_same_for_the_same_seed_and_another_for_another():
-    first, again, other = (fuzz.outcomes([0, 2], seed)[1] for seed in (3, 3, 4))
+    first, again, other = (run_cases.outcomes([0, 2], seed)[1] for seed in (3, 3, 4))
     assert (first.end, first.words) == (again.end, again.words)
     assert first.words != other.words
 
@@ -51,9 +51,9 @@ def test_a_case_that_breaks_or_hangs_is_called_broken(tmp_path, monkeypatch):
     def leave(folder, rng):
         raise KeyError("x")
 
-    monkeypatch.setattr(fuzz, "MOST_SECONDS", 1)
+    monkeypatch.setattr(run_cases, "MOST_SECONDS", 1)
     for case, words in ((hang, "not done after 1 s"), (leave, "KeyError")):
-        end, said = fuzz._ended(case, tmp_path, None)
+        end, said = run_cases._ended(case, tmp_path, None)
         assert end == "broken" and words in said
 
 
@@ -64,7 +64,7 @@ VALUES = st.recursive(
     FLAT, lambda v: st.lists(v, max_size=4) | st.dictionaries(FLAT, v, max_size=4), max_leaves=8
 )
 PLACES = {
-    kind: [(name, key) for name in names for key in fuzz_configs.GOOD[name]]
+    kind: [(name, key) for name in names for key in random_configs.GOOD[name]]
     for kind, names in {
         "config": ["config.yaml"],
         "rig": ["rigs/cart.yaml"],
@@ -78,7 +78,7 @@ PLACES = {
 @given(data=st.data())
 def test_any_value_in_a_config_is_taken_or_refused_in_a_line_that_names_the_file(kind, data):
     name, key = data.draw(st.sampled_from(PLACES[kind]))
-    content = yaml.safe_load(yaml.safe_dump(fuzz_configs.GOOD[name]))
+    content = yaml.safe_load(yaml.safe_dump(random_configs.GOOD[name]))
     content[key] = data.draw(VALUES)
     try:
         assert config.complete(kind, content, name)[key] is content[key]
@@ -106,7 +106,7 @@ NAMES = [
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("where", ["session", "rig", "sensor"])
 def test_a_name_that_would_leave_its_folder_is_refused(where, name, tmp_path):
-    good = yaml.safe_load(yaml.safe_dump(fuzz_configs.GOOD))
+    good = yaml.safe_load(yaml.safe_dump(random_configs.GOOD))
     settings, rig = good["config.yaml"], good["rigs/cart.yaml"]
     if where == "session":
         settings["sessions"] = {name: settings["sessions"]["morning"]}
@@ -128,10 +128,10 @@ def written(folder, text):
 
 
 UNREAD = {
-    fuzz_configs.BOMB: "unfolds to more than 100000 values",
-    fuzz_configs.MERGED: "unfolds to more than 100000 values",
+    random_configs.BOMB: "unfolds to more than 100000 values",
+    random_configs.MERGED: "unfolds to more than 100000 values",
     "a: &a [*a]": "line 1: an alias of what it lies in",
-    fuzz_configs.OBJECTS: "could not determine a constructor",
+    random_configs.OBJECTS: "could not determine a constructor",
     "[" * 3000: "nested too deeply",
     "b: 1\na: 2\nb: 3": "key 'b' stands in line 1 and again in line 3; keep one",
     "{a: 1, a: 2}": "key 'a' stands in line 1 and again in line 1",
@@ -145,19 +145,19 @@ UNREAD = {
 
 @pytest.mark.parametrize("text", UNREAD, ids=range(len(UNREAD)))
 def test_yaml_that_is_no_config_is_refused_in_a_line(text, tmp_path):
-    with pytest.raises(InputError) as caught, fuzz.at_most(10):
-        yamls.load(written(tmp_path, text))
+    with pytest.raises(InputError) as caught, run_cases.at_most(10):
+        safe_yaml.load(written(tmp_path, text))
     assert UNREAD[text] in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_yaml_keeps_anchors_that_people_use(tmp_path):
     text = "a: &a {x: 1, y: [2, 3]}\nb: *a\nc: {<<: *a, x: 4}"
-    found = yamls.load(written(tmp_path, text))
+    found = safe_yaml.load(written(tmp_path, text))
     assert found["b"] == {"x": 1, "y": [2, 3]} and found["c"] == {"x": 4, "y": [2, 3]}
 
 
 @pytest.mark.parametrize("value", [".nan", ".inf", "1.0e+40", "1" * 400])
 def test_a_number_that_nothing_has_is_refused_with_its_key(value, tmp_path):
-    content = yamls.load(written(tmp_path, f"gate: {{window_s: {value}}}"))
+    content = safe_yaml.load(written(tmp_path, f"gate: {{window_s: {value}}}"))
     with pytest.raises(InputError, match="x.yaml: gate.window_s: .* is no number that any has"):
         config.complete("config", content, "x.yaml")

@@ -6,17 +6,12 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib import (
-    considered,
-    crossvalidation,
-    gain,
-    geometry,
-    given,
-    hypotheses,
-    observability,
-)
-from calib.information import covariance
-from calib.proposals import proposals
+from calib.diagnosis import consider_covariance, leave_one_out, next_best_view, observability
+from calib.diagnosis.view_candidates import proposals
+from calib.estimation import estimation_problem
+from calib.estimation.corrections import correction_catalog
+from calib.estimation.nlp.information_matrix import covariance
+from calib.geometry import se3
 from synthetic import BOARD, CAMERA, CYLINDER, LIDAR, MCS_SIGMA, TRUE, World, setup, solved
 
 SEEN = {"min_returns": 30, "max_incidence_deg": 75}
@@ -29,9 +24,9 @@ def shown(made, sensor, name, T_sensor_target, seed, world=None):
     """The Setup with a placement more, which that sensor alone saw, with noise of its own."""
     rng, k = np.random.default_rng(seed), len(made.placements)
     T_robot_target = TRUE[sensor] @ T_sensor_target
-    errors = geometry.se3_exp(MCS_SIGMA * rng.normal(size=(2, 6)))
-    said = errors[0] @ T_robot_target @ geometry.inverse(errors[1])
-    place = given.Placement("s", name, said, np.eye(4), MCS_SIGMA)
+    errors = se3.se3_exp(MCS_SIGMA * rng.normal(size=(2, 6)))
+    said = errors[0] @ T_robot_target @ se3.inverse(errors[1])
+    place = estimation_problem.Placement("s", name, said, np.eye(4), MCS_SIGMA)
     found = synthetic.measured(rng, world or World(), sensor, k, name, T_robot_target)
     return replace(made, placements=[*made.placements, place], groups=[*made.groups, *found])
 
@@ -58,7 +53,7 @@ def cases():
 def test_the_view_that_is_named_does_what_was_predicted(cases, case, sensor):
     """σ of the worst direction, with the view recorded and all solved anew, to 15 %."""
     made, result = cases[case]
-    best = gain.best_views(made, result, [sensor], SEEN)[sensor]
+    best = next_best_view.best_views(made, result, [sensor], SEEN)[sensor]
     first = 6 * sorted(made.models).index(sensor)
     own = slice(first, first + 6)
     P = covariance(result.solution.information)
@@ -74,36 +69,36 @@ def test_a_view_takes_nothing_off_an_error_that_all_ranges_have_in_common():
     pose: one view more before the lidar does what was predicted, to 15 %, with it in both."""
     world = World(too_long=0.014 * np.tile([1.0, -1.0], synthetic.RINGS // 2))
     made = setup(0, MIXED, world)
-    (beams,) = [h for h in hypotheses.all_of(made) if h.name == "beams"]
+    (beams,) = [h for h in correction_catalog.all_of(made) if h.name == "beams"]
     made = replace(made, corrections=(beams,))
-    result = considered.widened(made, solved(made))
-    before, lidar = gain.Before.of(made, result), slice(6, 12)
+    result = consider_covariance.widened(made, solved(made))
+    before, lidar = next_best_view.Before.of(made, result), slice(6, 12)
     own = covariance(result.solution.information)[lidar, lidar]
     assert before.covariance(lidar) == pytest.approx(own, rel=1e-6, abs=1e-12)
     weights = np.eye(6)[0]  # of x, along which all targets lie
-    told = list(gain.told(made, result, "lidar", SEEN))
+    told = list(next_best_view.told(made, result, "lidar", SEEN))
     ahead = [row for row in told if "azimuth 0°" in row[2] and row[0] == "board"]
     for name, T, _, more in ahead[:3]:
         predicted = np.sqrt(weights @ before.covariance(lidar, more) @ weights)
         added = shown(made, "lidar", name, T, 7, world)
-        found = sigma(added, considered.widened(added, solved(added)), "lidar", weights)
+        found = sigma(added, consider_covariance.widened(added, solved(added)), "lidar", weights)
         assert predicted / found == pytest.approx(1, abs=0.15)
         assert predicted > 0.8 * sigma(made, result, "lidar", weights) > 0.002
-    by_count = crossvalidation.sigma_by_count(made, result, "lidar")["sigma_m"][-1]
+    by_count = leave_one_out.sigma_by_count(made, result, "lidar")["sigma_m"][-1]
     assert by_count == pytest.approx(np.sqrt(np.diag(own)[:3].max()), rel=0.05)
 
 
 def test_no_other_proposal_does_more_and_those_of_a_kind_are_told_apart(cases):
     """The prediction ranks: the best and the worst of the proposals, both recorded."""
     made, result = cases["few boards"]
-    before, camera = gain.Before.of(made, result), slice(0, 6)
+    before, camera = next_best_view.Before.of(made, result), slice(0, 6)
     weights, _, _ = observability.loosest(before.covariance(camera))
     told = [
         (np.sqrt(weights @ before.covariance(camera, more) @ weights), name, T)
-        for name, T, _, more in gain.told(made, result, "camera", SEEN)
+        for name, T, _, more in next_best_view.told(made, result, "camera", SEEN)
     ]
     told.sort(key=lambda item: item[0])
-    best = gain.best_views(made, result, ["camera"], SEEN)["camera"]
+    best = next_best_view.best_views(made, result, ["camera"], SEEN)["camera"]
     assert best["sigma_one"] == pytest.approx(told[0][0])
     for predicted, name, T in (told[0], told[len(told) // 2], told[-1]):
         more = shown(made, "camera", name, T, 6)
@@ -112,22 +107,22 @@ def test_no_other_proposal_does_more_and_those_of_a_kind_are_told_apart(cases):
 
 def test_four_such_views_do_more_than_one_and_less_than_halve_it_again(cases):
     made, result = cases["mixed"]
-    best = gain.best_views(made, result, ["camera"], SEEN)["camera"]
+    best = next_best_view.best_views(made, result, ["camera"], SEEN)["camera"]
     assert best["sigma_one"] / 2 < best["sigma_four"] < best["sigma_one"] < best["sigma"]
 
 
 @pytest.mark.parametrize("target, model", [(BOARD, CAMERA), (BOARD, LIDAR), (CYLINDER, LIDAR)])
 def test_what_is_proposed_is_a_pose_where_the_words_say(target, model):
     camera = model is CAMERA
-    recorded = geometry.pose(np.diag([1.0, -1, -1]) if camera else None, [0.1, 0.2, 2.0])
+    recorded = se3.pose(np.diag([1.0, -1, -1]) if camera else None, [0.1, 0.2, 2.0])
     if not camera:
-        recorded = geometry.pose([[0, 0, -1], [-1, 0, 0], [0, 1, 0]], [2.0, 0.3, 0.1])
+        recorded = se3.pose([[0, 0, -1], [-1, 0, 0], [0, 1, 0]], [2.0, 0.3, 0.1])
     found = proposals(target, model, recorded[None], (-9, 9), np.eye(4))
     assert len({p.words for p in found}) == len(found) > 50
     for T, words in found:
         assert T[:3, :3].T @ T[:3, :3] == pytest.approx(np.eye(3), abs=1e-9)
         assert np.linalg.det(T[:3, :3]) == pytest.approx(1)
-        centre = geometry.transform(T, target.centre)
+        centre = se3.transform(T, target.centre)
         assert np.linalg.norm(centre) == pytest.approx(float(words.split(" m away")[0]), abs=1e-6)
         if camera:
             uv, _ = model.project(centre)
@@ -142,7 +137,7 @@ def test_what_is_proposed_is_a_pose_where_the_words_say(target, model):
 
 def test_a_face_is_turned_the_way_that_the_words_say():
     """As the camera sees it: x to the right, y down."""
-    recorded = geometry.pose(np.diag([1.0, -1, -1]), [0, 0, 2.0])
+    recorded = se3.pose(np.diag([1.0, -1, -1]), [0, 0, 2.0])
     found = proposals(BOARD, CAMERA, recorded[None], (-9, 9), np.eye(4))
     middle = {p.words.split(", ", 2)[2]: p.T[:3, 2] for p in found if "in the middle" in p.words}
     x, y, z = np.array([middle[f"its face turned 40° {w} as the sensor sees it"] for w in
@@ -153,12 +148,12 @@ def test_a_face_is_turned_the_way_that_the_words_say():
 
 
 def test_nothing_is_proposed_higher_than_a_target_was():
-    recorded = geometry.pose(np.diag([1.0, -1, -1]), [0, 0, 2.0])
+    recorded = se3.pose(np.diag([1.0, -1, -1]), [0, 0, 2.0])
     T_robot_camera = TRUE["camera"]
     found = proposals(BOARD, CAMERA, recorded[None], (0.5, 0.6), T_robot_camera)
     assert found
     for T, _ in found:
-        assert 0.2 < geometry.transform(T_robot_camera @ T, BOARD.centre)[2] < 0.9
+        assert 0.2 < se3.transform(T_robot_camera @ T, BOARD.centre)[2] < 0.9
 
 
 def test_the_words_say_what_to_do_and_what_it_does():
@@ -177,8 +172,10 @@ def test_a_view_that_the_sensor_cannot_have_is_not_proposed(cases):
     """A lidar that sees its front alone, from 1 to 3 m."""
     made, result = cases["mixed"]
     narrow = replace(LIDAR, azimuth=(-0.6, 0.6), range=(1.0, 3.0))
-    told = gain.told(replace(made, models=made.models | {"lidar": narrow}), result, "lidar", SEEN)
-    where = [geometry.transform(T, made.targets[name].centre) for name, T, *_ in told]
+    told = next_best_view.told(
+        replace(made, models=made.models | {"lidar": narrow}), result, "lidar", SEEN
+    )
+    where = [se3.transform(T, made.targets[name].centre) for name, T, *_ in told]
     assert where and all(
         1 < np.linalg.norm(p) < 3 and abs(np.arctan2(p[1], p[0])) < 0.8 for p in where
     )

@@ -9,76 +9,88 @@ import pytest
 import export
 import index
 import reporting
-from calib import geometry, history, rig, stage
-from calib.status import InputError
+from calib.export import accepted_calibrations
+from calib.geometry import se3
+from calib.io import pose_block, stage_cli
+from calib.io.status import InputError
 from reporting import POSES, SENSORS, TEMPLATES, own, words
 
 A, B, C = ({"rig": "robo", "n": n} for n in "abc")
 
 
 def test_what_is_accepted_again_adds_nothing(tmp_path):
-    first = history.accept(tmp_path, A)
-    assert history.accept(tmp_path, copy.deepcopy(A)) == first
+    first = accepted_calibrations.accept(tmp_path, A)
+    assert accepted_calibrations.accept(tmp_path, copy.deepcopy(A)) == first
     assert [p.name for p in tmp_path.iterdir()] == [f"{first}.json"]
 
 
 def test_the_order_is_that_in_which_they_were_accepted_also_of_one_that_comes_back(tmp_path):
-    names = [history.accept(tmp_path, c) for c in (A, B, C, A)]
-    found = history.chain(tmp_path)
+    names = [accepted_calibrations.accept(tmp_path, c) for c in (A, B, C, A)]
+    found = accepted_calibrations.chain(tmp_path)
     assert [n for n, _ in found] == names and [c["n"] for _, c in found] == list("abca")
     assert len(set(names)) == 4
 
 
 def test_names_depend_on_the_content_alone(tmp_path):
     one, other = tmp_path / "one", tmp_path / "other"
-    assert [history.accept(one, c) for c in (A, B)] == [history.accept(other, c) for c in (A, B)]
+    assert [accepted_calibrations.accept(one, c) for c in (A, B)] == [
+        accepted_calibrations.accept(other, c) for c in (A, B)
+    ]
 
 
 def test_before_is_the_same_whether_or_not_the_calibration_was_accepted_by_then(tmp_path):
-    history.accept(tmp_path, A)
-    early = history.before(tmp_path, B)
-    history.accept(tmp_path, B)
-    assert history.before(tmp_path, B) == early == history.chain(tmp_path)[:1]
+    accepted_calibrations.accept(tmp_path, A)
+    early = accepted_calibrations.before(tmp_path, B)
+    accepted_calibrations.accept(tmp_path, B)
+    assert (
+        accepted_calibrations.before(tmp_path, B)
+        == early
+        == accepted_calibrations.chain(tmp_path)[:1]
+    )
 
 
 def test_a_folder_without_history_has_none(tmp_path):
-    assert history.chain(tmp_path / "no") == history.before(tmp_path / "no", A) == []
+    assert (
+        accepted_calibrations.chain(tmp_path / "no")
+        == accepted_calibrations.before(tmp_path / "no", A)
+        == []
+    )
 
 
 def test_a_changed_entry_is_refused(tmp_path):
-    name = history.accept(tmp_path, A)
+    name = accepted_calibrations.accept(tmp_path, A)
     (tmp_path / f"{name}.json").write_text("{}")
     with pytest.raises(InputError, match=f"{name}.json is not as it was written"):
-        history.chain(tmp_path)
+        accepted_calibrations.chain(tmp_path)
 
 
 def test_an_entry_whose_forerunner_is_gone_is_refused(tmp_path):
-    first, _ = (history.accept(tmp_path, c) for c in (A, B))
+    first, _ = (accepted_calibrations.accept(tmp_path, c) for c in (A, B))
     (tmp_path / f"{first}.json").unlink()
     with pytest.raises(InputError, match=f"follows {first}.json, which is gone"):
-        history.accept(tmp_path, C)
+        accepted_calibrations.accept(tmp_path, C)
 
 
 def test_what_was_begun_and_never_ended_is_no_entry(tmp_path):
-    history.accept(tmp_path, A)
+    accepted_calibrations.accept(tmp_path, A)
     (tmp_path / ".0123456789abcdef").write_text('{"previous"')
-    assert len(history.chain(tmp_path)) == 1
+    assert len(accepted_calibrations.chain(tmp_path)) == 1
 
 
 def results(folder, name, level="pass", moved=0.0, repeatability=()):
     """A rig's results: both sensors, the left one moved along its x axis by so many m."""
     calibration = reporting.calibration() | {"rig": name, "verdict": level}
-    there = POSES["left"] @ geometry.se3_exp(np.array([moved, 0, 0, 0, 0, 0]))
-    calibration["sensors"]["left"]["T_robot_sensor"] = rig.pose_json(there)
+    there = POSES["left"] @ se3.se3_exp(np.array([moved, 0, 0, 0, 0, 0]))
+    calibration["sensors"]["left"]["T_robot_sensor"] = pose_block.pose_json(there)
     calibration["repeatability"] = list(repeatability)
     reason = f"left: <{level}>"
     judged = {"verdict": level, "reasons": [] if level == "pass" else [reason], "findings": []}
     judged |= {"sensors": dict.fromkeys(SENSORS, level), "limits": {}}
     home = folder / "results" / name
     (home / "s1").mkdir(parents=True, exist_ok=True)
-    stage.write_json(home / "calibration.json", calibration)
-    stage.write_json(home / "verdict.json", judged)
-    stage.write_json(home / "s1/log.json", reporting.audit())
+    stage_cli.write_json(home / "calibration.json", calibration)
+    stage_cli.write_json(home / "verdict.json", judged)
+    stage_cli.write_json(home / "s1/log.json", reporting.audit())
     return home
 
 

@@ -4,8 +4,8 @@ import html
 import logging
 
 import report
-from calib import stage
-from calib.status import failed, printable
+from calib.io import stage_cli
+from calib.io.status import failed, printable
 
 NAME = "<script>alert(1)</script><b>&amp; $\\frac{$ {{ 7 * 7 }} \x1b[2J"
 
@@ -18,7 +18,7 @@ def test_control_characters_are_written_out_and_letters_are_not():
 
 def test_a_stage_logs_no_control_character():
     line = logging.LogRecord("calib", logging.INFO, "", 0, "topic %s", (NAME,), None)
-    assert "\x1b" not in stage.Printable("%(message)s").format(line)
+    assert "\x1b" not in stage_cli.Printable("%(message)s").format(line)
 
 
 def test_the_report_shows_what_a_log_names_and_runs_none_of_it(files):

@@ -5,7 +5,9 @@ import pytest
 
 import containers
 import decode
-from calib import bodies, geometry, intake, logs
+from calib.decoding import body_tracks, decoded_log
+from calib.geometry import se3
+from calib.io.logs import open_log
 from containers import BOARD, CONTAINERS, MS, ROBOT, TYPES
 
 SHIPPED = [k for k in TYPES if k not in ("RigidBodies", "NamedPoseArray", "Position")]
@@ -14,11 +16,11 @@ PLACE = ("sensor", "t", "log_t", "ordinal")
 
 def taken(log, options):
     """(columns of mocap.parquet, of frames.parquet, log.json) of a log."""
-    log = logs.open_log(log)
-    recording = intake.read(log, options)
-    clocks = intake.clocks(recording)
-    poses, words = bodies.columns(recording, clocks, options["mocap"])
-    frames = intake.frame_columns(recording.frames, clocks)
+    log = open_log.open_log(log)
+    recording = decoded_log.read(log, options)
+    clocks = decoded_log.clocks(recording)
+    poses, words = body_tracks.columns(recording, clocks, options["mocap"])
+    frames = decoded_log.frame_columns(recording.frames, clocks)
     audit = decode.audit(options, log, recording, clocks, (poses, frames, words))
     return poses, frames, audit
 
@@ -41,7 +43,7 @@ def test_every_container_and_type_of_motion_capture_gives_the_same_tables(
     coarse = kind == "Position"  # 32-bit floats, no stamp
     for body, name in names.items():
         rows_of = poses["body"] == name
-        T = geometry.from_xyz_quat(poses["xyz"][rows_of], poses["quat"][rows_of])
+        T = se3.from_xyz_quat(poses["xyz"][rows_of], poses["quat"][rows_of])
         assert np.abs(T - true[body]).max() < (1e-6 if coarse else 1e-15)
         assert (poses["fault"][rows_of] == "").all()
         log_t = poses["log_t"][rows_of]
@@ -56,7 +58,9 @@ def test_every_container_and_type_of_motion_capture_gives_the_same_tables(
 
 @pytest.mark.parametrize("container", CONTAINERS)
 def test_a_message_is_found_again_in_every_container(tmp_path, container):
-    log = logs.open_log(containers.write(container, tmp_path, containers.recording("TFMessage")))
+    log = open_log.open_log(
+        containers.write(container, tmp_path, containers.recording("TFMessage"))
+    )
     found = list(log.messages(["/tf", "/image", "/points"]))
     assert len(found) == 34 and [m.log_t for m in found] == sorted(m.log_t for m in found)
     for m in found[::5]:

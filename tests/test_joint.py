@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 import synthetic
-from calib import estimation, geometry
-from calib.information import covariance
+from calib.estimation import solver
+from calib.estimation.nlp.information_matrix import covariance
+from calib.geometry import se3
 from synthetic import MCS_SIGMA, setup
 
 LAYOUT = [("board", None)] * 12
 LIMITS = {"max_rounds": 40, "tolerance_m": 1e-7, "tolerance_rad": 1e-7, "noise": 100.0}
-START = {n: T @ geometry.se3_exp(np.full(6, 0.005)) for n, T in synthetic.TRUE.items()}
+START = {n: T @ se3.se3_exp(np.full(6, 0.005)) for n, T in synthetic.TRUE.items()}
 COARSE = 20.0  # times the MCS noise of the other tests: 2 mm, 0.2°
 
 
@@ -26,12 +27,12 @@ def relative(apart, seed):
     if apart:
         groups = [g for g in groups if (g.sensor == "camera") == (g.placement % 2 == 0)]
     made = replace(made, placements=places, groups=groups)
-    result = estimation.estimate(made, START, **LIMITS)
+    result = solver.estimate(made, START, **LIMITS)
     T = [result.state.T_robot_sensor[n] for n in ("camera", "lidar")]
-    true = geometry.inverse(synthetic.TRUE["camera"]) @ synthetic.TRUE["lidar"]
+    true = se3.inverse(synthetic.TRUE["camera"]) @ synthetic.TRUE["lidar"]
     joint = covariance(result.solution.information)[:12, :12]
-    spread = geometry.covariance_of_relative(*T, joint)
-    return geometry.se3_log(geometry.inverse(true) @ geometry.inverse(T[0]) @ T[1]), spread
+    spread = se3.covariance_of_relative(*T, joint)
+    return se3.se3_log(se3.inverse(true) @ se3.inverse(T[0]) @ T[1]), spread
 
 
 def test_a_coarse_mcs_does_not_limit_what_two_sensors_that_overlap_know_of_each_other():

@@ -6,14 +6,19 @@ import re
 import numpy as np
 import pytest
 
-from calib import config, findings, geometry, hypotheses, solution, suspicion, verdict
+from calib.diagnosis import solution_json, suspected_errors
+from calib.estimation.corrections import correction_catalog
+from calib.geometry import se3
+from calib.io import config
+from calib.io.status import OK
+from calib.verdict import findings, rig_verdict
 from synthetic import World, outline_scaled, pattern_scaled, setup, solved, zoomed
 
 LIMITS = config.complete("config", {"sessions": {"s": {"rig": "r", "log": "x"}}}, "x")["judge"]
 NO_OFFSET = {"time_offset_s": {"value": 0.0, "sigma": 0.05}}
 GUESS = {"frame": "f", "T_robot_sensor": None, "sigma": [1] * 6, "source": "config"} | NO_OFFSET
 KINDS = {"camera": {"kind": "camera"}, "lidar": {"kind": "lidar"}}
-OFF = geometry.pose(None, [0.01, 0.0, 0.0])
+OFF = se3.pose(None, [0.01, 0.0, 0.0])
 MIXED = [("board", None)] * 7 + [("cylinder", None)] * 3
 DIVERSE = ([0, 0, 1], [0, 1, 0], [0, 1, 1], [0.3, 1, -1], [0.3, -0.2, 1])
 
@@ -22,17 +27,17 @@ def content(made):
     """solution.json of a Setup."""
     sensors = {n: KINDS[n] for n in made.models}
     options = {"rig": "r", "sensors": sensors, "targets": {}, "sessions": ["s"]}
-    known = {name: (solution.OK, GUESS) for name in sensors}
+    known = {name: (OK, GUESS) for name in sensors}
     result = solved(made)
-    suspected = suspicion.suspicions(made, result, hypotheses.with_moves(made))
-    told = solution.as_json(made, result, suspected, known, options)
+    suspected = suspected_errors.suspicions(made, result, correction_catalog.with_moves(made))
+    told = solution_json.as_json(made, result, suspected, known, options)
     for sensor in told["sensors"].values():
         sensor["next_view"] = None
     return told | {"repeatability": []}
 
 
 def judged(made):
-    return verdict.of_rig(content(made), LIMITS)
+    return rig_verdict.of_rig(content(made), LIMITS)
 
 
 @pytest.fixture(scope="module")
@@ -44,11 +49,11 @@ def told(clean, change):
     """Findings on a clean solution after a change of it."""
     changed = copy.deepcopy(clean)
     change(changed)
-    return verdict.of_rig(changed, LIMITS)
+    return rig_verdict.of_rig(changed, LIMITS)
 
 
 def test_a_clean_log_passes_with_nothing_to_say(clean):
-    assert verdict.of_rig(clean, LIMITS) == ("pass", [], {"camera": "pass", "lidar": "pass"})
+    assert rig_verdict.of_rig(clean, LIMITS) == ("pass", [], {"camera": "pass", "lidar": "pass"})
 
 
 WRONG = {
@@ -203,7 +208,7 @@ def moved(shift, prior=0.002, held=()):
     told = content(made)
     told["targets"] = {"board": {"shift": shift, "prior": [prior] * 3 + [0.005] * 3}}
     told["targets"]["board"]["open"] = list(held)
-    return [f for f in verdict.of_rig(told, LIMITS)[1] if f["check"] == "alignment"]
+    return [f for f in rig_verdict.of_rig(told, LIMITS)[1] if f["check"] == "alignment"]
 
 
 def test_a_board_estimated_6_mm_from_where_it_was_stated_to_2_mm_passes():
@@ -229,7 +234,7 @@ def test_a_board_estimated_farther_off_is_named_with_its_shift_and_what_to_write
 def test_a_clock_far_from_its_first_guess_is_told_with_what_to_write(clean, offset, level):
     late = copy.deepcopy(clean)
     late["sensors"]["lidar"]["time_offset_s"] = {"value": offset, "sigma": 1e-4}
-    found = [f for f in verdict.of_rig(late, LIMITS)[1] if f["check"] == "offset_s"]
+    found = [f for f in rig_verdict.of_rig(late, LIMITS)[1] if f["check"] == "offset_s"]
     assert [f["level"] for f in found] == level
     assert all(f"write sensors.lidar.time_offset_s: {offset:.4f}" in f["remedy"] for f in found)
 
@@ -242,7 +247,7 @@ def test_a_sensor_that_moved_between_sessions_is_called_by_name(clean, mm, level
         row | {"session": s, "shift": [sign * mm / 1e3, 0, 0, 0, 0, 0]}
         for s, sign in (("evening", 1), ("morning", -1))
     ]
-    found = [f for f in verdict.of_rig(told, LIMITS)[1] if f["check"] == "moved"]
+    found = [f for f in rig_verdict.of_rig(told, LIMITS)[1] if f["check"] == "moved"]
     assert [f["level"] for f in found] == level
     assert all(f"camera sits {mm:.2g} mm and 0° elsewhere in session" in f["text"] for f in found)
     assert all(f["sensors"] == ["camera"] for f in found)
@@ -252,4 +257,4 @@ def test_sessions_that_differ_by_chance_are_none_of_the_verdict(clean):
     told = copy.deepcopy(clean)
     row = {"sensor": "camera", "session": "evening", "sigma": [1e-3] * 6, "others": 1}
     told["repeatability"] = [row | {"chance": 0.01, "shift": [0.003, 0, 0, 0, 0, 0]}]
-    assert not [f for f in verdict.of_rig(told, LIMITS)[1] if f["check"] == "moved"]
+    assert not [f for f in rig_verdict.of_rig(told, LIMITS)[1] if f["check"] == "moved"]

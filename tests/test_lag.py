@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from calib import geometry
-from calib.guessing import lag
-from calib.mocap import NS, Trajectory
-from calib.status import MessageError
+from calib.geometry import se3
+from calib.initial_guess import clock_lag
+from calib.io.status import MessageError
+from calib.mocap.body_trajectory import NS, Trajectory
 
 STATED = {"value": 0.0, "sigma": 0.05}
 RNG = np.random.default_rng(0)
@@ -55,7 +55,7 @@ def found(kind, late, hz=10, body=None, broken=(), stated=STATED):
         return (image if kind == "camera" else scan)(x[i], rng)
 
     stamps = np.round((seen - late) * NS).astype(np.int64)
-    return lag.find(kind, stamps, content_of, [body], stated)
+    return clock_lag.find(kind, stamps, content_of, [body], stated)
 
 
 @pytest.mark.parametrize("late", [-1.0, -0.4, 0.3, 0.7, 1.1])
@@ -94,7 +94,7 @@ def test_moves_that_the_sensor_did_not_see_tell_nothing():
     rng, seen = np.random.default_rng(5), np.arange(3, 37, 0.1)
     x = np.interp(seen, other.t / NS, other.T[:, 0, 3])
     stamps = np.round(seen * NS).astype(np.int64)
-    assert lag.find("camera", stamps, lambda i: image(x[i], rng), [body], STATED) is None
+    assert clock_lag.find("camera", stamps, lambda i: image(x[i], rng), [body], STATED) is None
 
 
 def test_frames_that_cannot_be_read_are_passed_over():
@@ -104,9 +104,9 @@ def test_frames_that_cannot_be_read_are_passed_over():
 
 def test_motion_is_that_of_the_poses_and_unknown_in_gaps():
     T = np.tile(np.eye(4), (3, 1, 1))
-    T[1, 0, 3], T[2] = 0.1, geometry.from_rpy([0.1, 0, 0], [0, 0, 0.2])
+    T[1, 0, 3], T[2] = 0.1, se3.from_rpy([0.1, 0, 0], [0, 0, 0.2])
     t = np.array([0, 10_000_000, 20_000_000])
     times = np.array([[0, 10_000_000], [10_000_000, 20_000_000], [0, 30_000_000]])
-    moved = lag.moved(Trajectory(t, T, NS // 20), times)
+    moved = clock_lag.moved(Trajectory(t, T, NS // 20), times)
     np.testing.assert_allclose(moved[:2], [0.1, 0.2], atol=1e-9)
     assert np.isnan(moved[2])

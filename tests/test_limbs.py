@@ -9,12 +9,13 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
-from calib import limbs
-from calib.cameras import Camera
-from calib.geometry import pose, se3_exp, so3_exp, transform
+from calib.geometry.se3 import pose, se3_exp, so3_exp, transform
+from calib.sensors.camera import cylinder_silhouette, subpixel_edges
+from calib.sensors.camera.camera_model import Camera
+from calib.targets.color import Color
 from calib.targets.cylinder import Cylinder
 
-GREEN = limbs.Color.from_config({"hue_deg": [90, 150], "saturation": [0.3, 1], "value": [0.15, 1]})
+GREEN = Color.from_config({"hue_deg": [90, 150], "saturation": [0.3, 1], "value": [0.15, 1]})
 TARGET, ROD = Cylinder(0.8, 0.1), Cylinder(0.3, 0.015)
 CAMERAS = {
     "pinhole": Camera("radtan", (802.3, 801.1, 452.6, 347.9, -0.1, 0.02, 1e-3, -5e-4), (900, 700)),
@@ -100,7 +101,7 @@ def guess(k):
 
 def find(name, k, image, offset=None):
     offset = drawn(name, k)[1] if offset is None else offset
-    return limbs.find(image, offset, GREEN, CAMERAS[name], TARGET, guess(k))
+    return cylinder_silhouette.find(image, offset, GREEN, CAMERAS[name], TARGET, guess(k))
 
 
 def residuals(found, camera, T):
@@ -167,8 +168,10 @@ def test_three_images_place_the_camera_within_0_6_mm_and_0_012_deg_from_a_wrong_
 @pytest.mark.parametrize("noise", [2.0, 6.0])
 def test_the_scatter_of_edge_points_is_what_their_sigma_says_within_a_factor_2(noise):
     region = drawn("fisheye", 2)[0]
-    outline = limbs.contour(exposed(region, noise=0), GREEN)
-    draws = [limbs.refine(exposed(region, noise=noise, seed=s), outline) for s in range(10)]
+    outline = cylinder_silhouette.contour(exposed(region, noise=0), GREEN)
+    draws = [
+        subpixel_edges.refine(exposed(region, noise=noise, seed=s), outline) for s in range(10)
+    ]
     settled = np.all([d.settled for d in draws], axis=0)
     place = np.array([np.sum(d.uv * d.normal, 1)[settled] for d in draws])
     sigma = np.median([d.sigma[settled] for d in draws])
@@ -178,7 +181,9 @@ def test_the_scatter_of_edge_points_is_what_their_sigma_says_within_a_factor_2(n
 def test_a_mirrored_image_gives_the_mirrored_edge_to_1e_6_px():
     image = exposed(drawn("fisheye", 2)[0])
     mirrored = np.ascontiguousarray(image[:, ::-1])
-    a, b = (limbs.refine(i, limbs.contour(i, GREEN)) for i in (image, mirrored))
+    a, b = (
+        subpixel_edges.refine(i, cylinder_silhouette.contour(i, GREEN)) for i in (image, mirrored)
+    )
     back = b.uv * [-1, 1] + [image.shape[1] - 1, 0]
     distance, match = cKDTree(back).query(a.uv)
     assert len(a.uv) == len(b.uv) == len(np.unique(match))
@@ -193,7 +198,7 @@ def test_hue_may_wrap_around_360_deg():
     whole = {"saturation": [0.3, 1], "value": [0.15, 1]}
 
     def passed(low, high):
-        color = limbs.Color.from_config({"hue_deg": [low, high], **whole})
+        color = Color.from_config({"hue_deg": [low, high], **whole})
         return hue[color.mask(image)[0]].tolist()
 
     assert passed(335, 25) == [0, 10, 20, 340, 350]
@@ -203,9 +208,9 @@ def test_hue_may_wrap_around_360_deg():
 
 def test_a_second_smaller_thing_of_the_colour_changes_nothing():
     region = drawn("pinhole", 1)[0].copy()
-    alone = limbs.contour(exposed(region), GREEN)
+    alone = cylinder_silhouette.contour(exposed(region), GREEN)
     region[5:35, 5:35] = PAINT
-    assert np.array_equal(limbs.contour(exposed(region), GREEN), alone)
+    assert np.array_equal(cylinder_silhouette.contour(exposed(region), GREEN), alone)
 
 
 def test_what_hides_a_piece_of_a_limb_takes_only_that_piece():
@@ -232,7 +237,7 @@ def test_a_blob_that_touches_the_border_is_refused_in_words():
 def test_a_blob_of_the_wrong_size_is_refused_with_both_areas():
     image = exposed(drawn("pinhole", 0)[0])
     near = pose(t=[0, 0, -0.7]) @ place(0)
-    found, status = limbs.find(image, [0, 0], GREEN, CAMERAS["pinhole"], TARGET, near)
+    found, status = cylinder_silhouette.find(image, [0, 0], GREEN, CAMERAS["pinhole"], TARGET, near)
     assert found is None and "size" in status.reason
     assert "px²" in status.found and "px²" in status.expected
 
@@ -240,7 +245,9 @@ def test_a_blob_of_the_wrong_size_is_refused_with_both_areas():
 def test_a_blob_that_lies_across_the_expected_axis_is_refused():
     image, offset = exposed(drawn("pinhole", 0)[0]), drawn("pinhole", 0)[1]
     across = pose(t=place(0)[:3, 3]) @ pose(so3_exp([0, 0, 1.4])) @ pose(place(0)[:3, :3])
-    found, status = limbs.find(image, offset, GREEN, CAMERAS["pinhole"], TARGET, across)
+    found, status = cylinder_silhouette.find(
+        image, offset, GREEN, CAMERAS["pinhole"], TARGET, across
+    )
     assert found is None and "straight sides" in status.reason
 
 

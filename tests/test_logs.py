@@ -13,11 +13,10 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 
 import containers
-from calib import logs
-from calib.logs import unpacking
-from calib.sim import log as record
-from calib.status import InputError
+from calib.io.logs import decompression, open_log
+from calib.io.status import InputError
 from shared import shared_data
+from simulation import ros_log
 
 MS = 1_000_000
 
@@ -26,7 +25,7 @@ def pose_message(number):
     """A TFMessage that says its number."""
     T = np.eye(4)
     T[0, 3] = number
-    return record.transforms(number * MS, "map", {"body": T})
+    return ros_log.transforms(number * MS, "map", {"body": T})
 
 
 def said(content):
@@ -40,12 +39,12 @@ def write(path, rows, **options):
     with open(path, "wb") as stream:
         writer = Writer(stream, **options)
         writer.start(profile="ros2", library="test")
-        text = record.STORE.generate_msgdef(record.TF, ros_version=2)[0].encode()
-        schema = writer.register_schema(record.TF, "ros2msg", text)
+        text = ros_log.STORE.generate_msgdef(ros_log.TF, ros_version=2)[0].encode()
+        schema = writer.register_schema(ros_log.TF, "ros2msg", text)
         topics = sorted({topic for _, topic, _ in rows})
         channels = {topic: writer.register_channel(topic, "cdr", schema) for topic in topics}
         for log_t, topic, number in rows:
-            data = bytes(record.STORE.serialize_cdr(pose_message(number), record.TF))
+            data = bytes(ros_log.STORE.serialize_cdr(pose_message(number), ros_log.TF))
             writer.add_message(channels[topic], log_t, data, log_t)
         writer.finish()
     return path
@@ -68,7 +67,7 @@ def metadata(folder, *names):
 
 def refusal(log):
     with pytest.raises(InputError) as caught:
-        log = logs.open_log(str(log))
+        log = open_log.open_log(str(log))
         for message in log.messages(log.topics):
             assert message.content
     return str(caught.value)
@@ -80,26 +79,26 @@ def refusal(log):
 def test_messages_come_in_order_of_log_time_whatever_order_they_were_written_in(tmp_path):
     rows = alternating(0, 50)
     shuffled = [rows[i] for i in np.random.default_rng(0).permutation(50)]
-    log = logs.open_log(str(write(tmp_path / "a.mcap", shuffled)))
+    log = open_log.open_log(str(write(tmp_path / "a.mcap", shuffled)))
     assert numbers(log) == list(range(50))
     assert [m.log_t for m in log.messages(["/tf"])] == [i * MS for i in range(1, 50, 2)]
 
 
 def test_topics_come_with_their_type_and_count(tmp_path):
-    log = logs.open_log(str(write(tmp_path / "a.mcap", alternating(0, 9))))
-    assert log.topics == {"/other": (record.TF, 5), "/tf": (record.TF, 4)}
+    log = open_log.open_log(str(write(tmp_path / "a.mcap", alternating(0, 9))))
+    assert log.topics == {"/other": (ros_log.TF, 5), "/tf": (ros_log.TF, 4)}
     message = next(log.messages(["/tf"]))
-    assert (message.topic, message.type, message.file) == ("/tf", record.TF, 0)
+    assert (message.topic, message.type, message.file) == ("/tf", ros_log.TF, 0)
 
 
 def test_only_the_topics_asked_for_are_read(tmp_path):
-    log = logs.open_log(str(write(tmp_path / "a.mcap", alternating(0, 9))))
+    log = open_log.open_log(str(write(tmp_path / "a.mcap", alternating(0, 9))))
     assert numbers(log, ["/tf"]) == [1, 3, 5, 7]
     assert numbers(log, ["/absent"]) == []
 
 
 def test_bounds_are_of_log_time_first_included_last_not(tmp_path):
-    log = logs.open_log(str(write(tmp_path / "a.mcap", alternating(0, 9))))
+    log = open_log.open_log(str(write(tmp_path / "a.mcap", alternating(0, 9))))
     assert numbers(log, start=3 * MS, end=6 * MS) == [3, 4, 5]
 
 
@@ -117,7 +116,7 @@ def test_bounds_are_of_log_time_first_included_last_not(tmp_path):
 def test_a_message_is_found_again_also_among_equals_in_log_time(tmp_path, options):
     """Three of each topic at every log time, interleaved."""
     rows = [(i // 6 * MS, "/tf" if i % 2 else "/other", i) for i in range(60)]
-    log = logs.open_log(str(write(tmp_path / "a.mcap", rows, **options)))
+    log = open_log.open_log(str(write(tmp_path / "a.mcap", rows, **options)))
     found = list(log.messages(["/tf", "/other"]))
     assert sorted(said(m.content) for m in found) == list(range(60))
     for m in found:
@@ -128,7 +127,7 @@ def test_a_message_is_found_again_also_among_equals_in_log_time(tmp_path, option
 
 def test_a_place_does_not_depend_on_bounds_or_on_the_other_topics_read(tmp_path):
     rows = [(i // 6 * MS, "/tf" if i % 2 else "/other", i) for i in range(60)]
-    log = logs.open_log(str(write(tmp_path / "a.mcap", rows)))
+    log = open_log.open_log(str(write(tmp_path / "a.mcap", rows)))
 
     def places(*arguments):
         return {said(m.content): (m.file, m.log_t, m.ordinal) for m in log.messages(*arguments)}
@@ -139,7 +138,7 @@ def test_a_place_does_not_depend_on_bounds_or_on_the_other_topics_read(tmp_path)
 
 
 def test_a_message_that_is_not_there_is_named(tmp_path):
-    log = logs.open_log(str(write(tmp_path / "a.mcap", alternating(0, 9))))
+    log = open_log.open_log(str(write(tmp_path / "a.mcap", alternating(0, 9))))
     with pytest.raises(InputError, match=r"a\.mcap: no message of /tf at 2000000 any more"):
         log.message("/tf", 0, 2 * MS, 0)
     with pytest.raises(InputError, match="no message of /tf at 1000000"):
@@ -152,7 +151,7 @@ def test_a_topic_without_a_schema_is_listed_and_read_as_bytes(tmp_path):
         writer.start()
         writer.add_message(writer.register_channel("/raw", "json", 0), 5, b"{}", 5)
         writer.finish()
-    log = logs.open_log(str(tmp_path / "a.mcap"))
+    log = open_log.open_log(str(tmp_path / "a.mcap"))
     assert log.topics == {"/raw": ("without schema", 1)}
     assert [m.data for m in log.messages(["/raw"])] == [b"{}"]
 
@@ -165,12 +164,12 @@ def undefined(path, name, data, encoding="cdr", form="", text=b""):
         schema = writer.register_schema(name, form, text)
         writer.add_message(writer.register_channel("/topic", encoding, schema), 5, data, 5)
         writer.finish()
-    return logs.open_log(str(path))
+    return open_log.open_log(str(path))
 
 
 def test_a_type_that_ros_ships_needs_no_definition(tmp_path):
-    data = bytes(record.STORE.serialize_cdr(pose_message(7), record.TF))
-    log = undefined(tmp_path / "a.mcap", record.TF, data)
+    data = bytes(ros_log.STORE.serialize_cdr(pose_message(7), ros_log.TF))
+    log = undefined(tmp_path / "a.mcap", ros_log.TF, data)
     assert numbers(log, ["/topic"]) == [7]
 
 
@@ -185,7 +184,7 @@ def test_a_message_without_its_definition_is_refused_with_its_type(tmp_path):
 
 
 def test_a_foreign_serialisation_is_refused_by_name(tmp_path):
-    log = undefined(tmp_path / "a.mcap", record.TF, b"data", "protobuf")
+    log = undefined(tmp_path / "a.mcap", ros_log.TF, b"data", "protobuf")
     expected = r"a\.mcap: tf2_msgs/msg/TFMessage is serialised as protobuf; this version reads cdr"
     with pytest.raises(InputError, match=expected):
         assert next(log.messages(["/topic"])).content
@@ -209,7 +208,7 @@ def test_a_definition_that_is_none_is_refused(tmp_path, name, text):
 
 
 def test_a_message_that_does_not_fit_its_definition_is_refused_with_its_type(tmp_path):
-    log = undefined(tmp_path / "a.mcap", record.TF, b"\0\1\0\0\xff\xff\xff\xff")
+    log = undefined(tmp_path / "a.mcap", ros_log.TF, b"\0\1\0\0\xff\xff\xff\xff")
     message = next(log.messages(["/topic"]))
     with pytest.raises(InputError, match="a message of tf2_msgs/msg/TFMessage cannot be read"):
         assert message.content
@@ -217,11 +216,11 @@ def test_a_message_that_does_not_fit_its_definition_is_refused_with_its_type(tmp
 
 @pytest.mark.parametrize("little_endian", [True, False])
 def test_the_header_of_a_message_is_read_without_the_rest(tmp_path, little_endian):
-    image = record.STORE.types[record.COMPRESSED](
-        header=record._header(5_000_000_007, "camera"), format="jpeg", data=np.zeros(9, np.uint8)
+    image = ros_log.STORE.types[ros_log.COMPRESSED](
+        header=ros_log._header(5_000_000_007, "camera"), format="jpeg", data=np.zeros(9, np.uint8)
     )
-    data = record.STORE.serialize_cdr(image, record.COMPRESSED, little_endian=little_endian)
-    log = undefined(tmp_path / "a.mcap", record.COMPRESSED, bytes(data)[:-9])
+    data = ros_log.STORE.serialize_cdr(image, ros_log.COMPRESSED, little_endian=little_endian)
+    log = undefined(tmp_path / "a.mcap", ros_log.COMPRESSED, bytes(data)[:-9])
     header = next(log.messages(["/topic"])).header
     assert (header.stamp.sec, header.stamp.nanosec, header.frame_id) == (5, 7, "camera")
 
@@ -230,13 +229,13 @@ def test_a_type_named_without_msg_is_read_like_one_with_it(tmp_path):
     with open(tmp_path / "a.mcap", "wb") as stream:
         writer = Writer(stream)
         writer.start()
-        text = record.STORE.generate_msgdef(record.TF, ros_version=2)[0].encode()
+        text = ros_log.STORE.generate_msgdef(ros_log.TF, ros_version=2)[0].encode()
         schema = writer.register_schema("tf2_msgs/TFMessage", "ros2msg", text)
-        data = bytes(record.STORE.serialize_cdr(pose_message(7), record.TF))
+        data = bytes(ros_log.STORE.serialize_cdr(pose_message(7), ros_log.TF))
         writer.add_message(writer.register_channel("/tf", "cdr", schema), 5, data, 5)
         writer.finish()
-    log = logs.open_log(str(tmp_path / "a.mcap"))
-    assert log.topics["/tf"] == (record.TF, 1)
+    log = open_log.open_log(str(tmp_path / "a.mcap"))
+    assert log.topics["/tf"] == (ros_log.TF, 1)
     assert numbers(log, ["/tf"]) == [7]
 
 
@@ -245,8 +244,8 @@ def test_a_type_named_without_msg_is_read_like_one_with_it(tmp_path):
 
 def test_split_files_are_one_log(tmp_path):
     paths = [write(tmp_path / f"{n}.mcap", alternating(10 * i, 10)) for i, n in enumerate("abc")]
-    log = logs.open_log([str(p) for p in paths])
-    assert log.topics["/tf"] == (record.TF, 15)
+    log = open_log.open_log([str(p) for p in paths])
+    assert log.topics["/tf"] == (ros_log.TF, 15)
     found = list(log.messages(["/tf", "/other"]))
     assert [said(m.content) for m in found] == list(range(30))
     for m in found:
@@ -258,7 +257,7 @@ def test_split_files_are_put_in_the_order_of_time(tmp_path):
     """A list in the wrong order would make every stamp of the later files a fault."""
     early = write(tmp_path / "z.mcap", alternating(0, 10))
     late = write(tmp_path / "a.mcap", alternating(10, 10))
-    assert numbers(logs.open_log([str(late), str(early)])) == list(range(20))
+    assert numbers(open_log.open_log([str(late), str(early)])) == list(range(20))
 
 
 def test_a_folder_of_a_rosbag2_is_read_as_its_metadata_says(tmp_path):
@@ -266,26 +265,26 @@ def test_a_folder_of_a_rosbag2_is_read_as_its_metadata_says(tmp_path):
         write(tmp_path / f"bag_{i}.mcap", alternating(10 * i, 10))
     write(tmp_path / "stray.mcap", alternating(500, 3))
     metadata(tmp_path, *(f"bag_{i}.mcap" for i in range(12)))
-    files = logs.files_of(str(tmp_path))
+    files = open_log.files_of(str(tmp_path))
     assert [f.name for f in files] == [f"bag_{i}.mcap" for i in range(12)]
-    assert numbers(logs.open_log(str(tmp_path))) == list(range(120))
+    assert numbers(open_log.open_log(str(tmp_path))) == list(range(120))
 
 
 def test_a_folder_without_metadata_is_read_in_order_of_time_not_of_names(tmp_path):
     """bag_10 comes before bag_2 in the alphabet."""
     for i in range(12):
         write(tmp_path / f"bag_{i}.mcap", alternating(10 * i, 10))
-    assert numbers(logs.open_log(str(tmp_path))) == list(range(120))
+    assert numbers(open_log.open_log(str(tmp_path))) == list(range(120))
 
 
 def test_metadata_may_name_files_with_the_folder_they_were_recorded_in(tmp_path):
     write(tmp_path / "bag_0.mcap", alternating(0, 5))
     metadata(tmp_path, "elsewhere/bag/bag_0.mcap")
-    assert numbers(logs.open_log(str(tmp_path))) == list(range(5))
+    assert numbers(open_log.open_log(str(tmp_path))) == list(range(5))
 
 
 def test_a_log_without_a_message_is_a_log(tmp_path):
-    log = logs.open_log(str(write(tmp_path / "a.mcap", [])))
+    log = open_log.open_log(str(write(tmp_path / "a.mcap", [])))
     assert log.topics == {} and list(log.messages([])) == [] and numbers(log) == []
 
 
@@ -343,7 +342,7 @@ def test_a_file_cut_short_is_read_up_to_the_break_and_says_how_much_was_there(
     path = write(tmp_path / "a.mcap", alternating(0, 2000), use_chunking=chunks, chunk_size=20_000)
     size = round(share * path.stat().st_size)
     path.write_bytes(path.read_bytes()[:size])
-    log = logs.open_log(str(path))
+    log = open_log.open_log(str(path))
     found = list(log.messages(["/tf", "/other"]))
     n = len(found)
     assert [said(m.content) for m in found] == list(range(n))
@@ -368,7 +367,7 @@ def test_a_file_cut_short_before_its_first_message_is_refused(tmp_path, size):
 def test_a_file_whose_index_alone_is_missing_loses_no_message(tmp_path):
     path = write(tmp_path / "a.mcap", alternating(0, 200))
     path.write_bytes(path.read_bytes()[:-40])
-    log = logs.open_log(str(path))
+    log = open_log.open_log(str(path))
     assert numbers(log) == list(range(200))
     (fault,) = log.faults
     assert fault.startswith("a.mcap: its index cannot be read (")
@@ -384,8 +383,8 @@ def test_a_file_whose_index_alone_is_missing_loses_no_message(tmp_path):
 def test_a_file_without_all_of_an_index_is_read_whole_without_a_fault(tmp_path, options):
     if "index_types" in options:
         options = {"index_types": IndexType.NONE}
-    log = logs.open_log(str(write(tmp_path / "a.mcap", alternating(0, 200), **options)))
-    assert log.topics["/tf"] == (record.TF, 100) and numbers(log) == list(range(200))
+    log = open_log.open_log(str(write(tmp_path / "a.mcap", alternating(0, 200), **options)))
+    assert log.topics["/tf"] == (ros_log.TF, 100) and numbers(log) == list(range(200))
     assert log.faults == []
 
 
@@ -400,7 +399,7 @@ def test_damage_within_a_file_costs_its_chunk_and_is_told(tmp_path, compression)
     middle = index.chunk_start_offset + index.chunk_length // 2
     data[middle : middle + 40] = bytes(40)
     path.write_bytes(data)
-    log = logs.open_log(str(path))
+    log = open_log.open_log(str(path))
     found = numbers(log)
     assert 1990 <= len(found) < 2000 and found == sorted(found)
     (fault,) = log.faults
@@ -416,7 +415,7 @@ def test_a_chunk_that_declares_more_than_there_is_takes_no_memory(tmp_path):
     at = index.chunk_start_offset + 9 + 16
     data[at : at + 8] = (2**62).to_bytes(8, "little")
     path.write_bytes(data)
-    log = logs.open_log(str(path))
+    log = open_log.open_log(str(path))
     assert numbers(log) == [] and log.faults == ["a.mcap: damaged chunks left out: 1"]
 
 
@@ -424,17 +423,17 @@ def test_a_chunk_that_declares_more_than_there_is_takes_no_memory(tmp_path):
 def test_a_small_block_that_unpacks_to_gigabytes_is_not_unpacked(pack):
     bomb, unpack = (
         pack(bytes(1 << 24)),
-        {zstandard.compress: unpacking.zstd}.get(pack, unpacking.lz4),
+        {zstandard.compress: decompression.zstd}.get(pack, decompression.lz4),
     )
     assert len(bomb) < 1 << 17
-    with pytest.raises(unpacking.TooLarge):
+    with pytest.raises(decompression.TooLarge):
         unpack(bomb, 1 << 20)
     assert unpack(bomb, 1 << 24) == bytes(1 << 24)
 
 
 def test_a_block_of_bzip2_that_unpacks_to_gigabytes_is_not_unpacked():
-    with pytest.raises(unpacking.TooLarge):
-        unpacking.bzip2(bz2.compress(bytes(1 << 24)), 1 << 20)
+    with pytest.raises(decompression.TooLarge):
+        decompression.bzip2(bz2.compress(bytes(1 << 24)), 1 << 20)
 
 
 def test_a_list_of_two_formats_is_refused(tmp_path):
@@ -443,7 +442,7 @@ def test_a_list_of_two_formats_is_refused(tmp_path):
     with pytest.raises(
         InputError, match=r"a log of files of \.bag and \.mcap; expected one or more"
     ):
-        logs.open_log([str(p) for p in paths])
+        open_log.open_log([str(p) for p in paths])
 
 
 @pytest.mark.parametrize(
@@ -468,7 +467,7 @@ def test_a_journal_beside_an_sqlite_file_is_told(tmp_path):
         tmp_path / "bag", containers.recording("TFMessage"), containers.SQLITE
     )
     (folder / "bag.db3-wal").write_bytes(b"x")
-    (fault,) = logs.open_log(str(folder)).faults
+    (fault,) = open_log.open_log(str(folder)).faults
     assert fault.startswith("bag.db3: bag.db3-wal beside it may hold its last messages")
 
 
@@ -477,13 +476,13 @@ def test_a_journal_beside_an_sqlite_file_is_told(tmp_path):
 
 def test_touching_or_copying_a_log_keeps_its_fingerprint(tmp_path):
     path = write(tmp_path / "a.mcap", alternating(0, 20))
-    before = logs.fingerprint(str(path))
+    before = open_log.fingerprint(str(path))
     os.utime(path, (0, time.time() + 1000))
-    assert logs.fingerprint(str(path)) == before
+    assert open_log.fingerprint(str(path)) == before
     (tmp_path / "other").mkdir()
     copy = shutil.copy(path, tmp_path / "other" / "a.mcap")
-    assert logs.fingerprint(str(copy)) == before
-    logs.require_same(str(copy), before)
+    assert open_log.fingerprint(str(copy)) == before
+    open_log.require_same(str(copy), before)
 
 
 @pytest.mark.parametrize("size", [100, (1 << 20) + 10, (3 << 20)])
@@ -492,7 +491,7 @@ def test_a_changed_log_has_another_fingerprint(tmp_path, size, where):
     path = tmp_path / "a.mcap"
     content = bytearray(np.random.default_rng(0).bytes(size))
     path.write_bytes(content)
-    before = logs.fingerprint(str(path))
+    before = open_log.fingerprint(str(path))
     if where == "first byte":
         content[0] ^= 1
     elif where == "last byte":
@@ -502,22 +501,22 @@ def test_a_changed_log_has_another_fingerprint(tmp_path, size, where):
     else:
         path = path.rename(tmp_path / "b.mcap")
     path.write_bytes(content)
-    assert logs.fingerprint(str(path)) != before
+    assert open_log.fingerprint(str(path)) != before
 
 
 def test_a_log_of_many_files_has_one_line_for_each(tmp_path):
     paths = [write(tmp_path / f"{n}.mcap", alternating(10 * i, 10)) for i, n in enumerate("abc")]
-    lines = logs.fingerprint([str(p) for p in paths])
+    lines = open_log.fingerprint([str(p) for p in paths])
     assert [line.split()[0] for line in lines] == ["a.mcap", "b.mcap", "c.mcap"]
     assert [int(line.split()[1]) for line in lines] == [p.stat().st_size for p in paths]
 
 
 def test_a_log_that_changed_since_it_was_decoded_is_refused_with_the_remedy(tmp_path):
     path = write(tmp_path / "a.mcap", alternating(0, 20))
-    before = logs.fingerprint(str(path))
+    before = open_log.fingerprint(str(path))
     write(path, alternating(0, 21))
     with pytest.raises(InputError) as caught:
-        logs.require_same(str(path), before)
+        open_log.require_same(str(path), before)
     assert "a.mcap: changed since it was decoded; run snakemake again" in str(caught.value)
 
 
@@ -525,7 +524,7 @@ def test_a_log_that_changed_since_it_was_decoded_is_refused_with_the_remedy(tmp_
 
 
 def test_a_split_rosbag2_of_ros_itself_is_read_whole_and_in_order():
-    log = logs.open_log(str(shared_data("logs/rosbag2_split")))
+    log = open_log.open_log(str(shared_data("logs/rosbag2_split")))
     times = [m.log_t for m in log.messages(log.topics)]
     assert len(log.files) == 5
     assert len(times) == sum(n for _, n in log.topics.values()) > 0
@@ -533,7 +532,7 @@ def test_a_split_rosbag2_of_ros_itself_is_read_whole_and_in_order():
 
 
 def test_a_rosbag2_with_service_events_lists_them_and_reads_its_topics():
-    log = logs.open_log(str(shared_data("logs/rosbag2_services")))
+    log = open_log.open_log(str(shared_data("logs/rosbag2_services")))
     readable = [topic for topic, (kind, n) in log.topics.items() if n and "/msg/" in kind]
     assert any("_service_event" in topic for topic in log.topics)
     plain = [t for t in readable if "_service_event" not in t]
@@ -542,7 +541,7 @@ def test_a_rosbag2_with_service_events_lists_them_and_reads_its_topics():
 
 
 def test_a_rosbag2_in_a_foreign_serialisation_is_refused_by_its_name():
-    log = logs.open_log(str(shared_data("logs/rosbag2_wrong_rmw")))
+    log = open_log.open_log(str(shared_data("logs/rosbag2_wrong_rmw")))
     assert {k: n for k, (_, n) in log.topics.items()} == {"/array_topic": 4, "/test_topic": 3}
     with pytest.raises(InputError, match="BasicTypes is serialised as wrong_format; this version"):
         assert next(log.messages(["/test_topic"])).content
@@ -550,21 +549,21 @@ def test_a_rosbag2_in_a_foreign_serialisation_is_refused_by_its_name():
 
 def test_messages_compressed_one_by_one_are_read_and_their_folder_names_the_missing_files():
     folder = shared_data("logs/amber_message_zstd")
-    log = logs.open_log(str(folder / "soccer_goal_12.mcap"))
+    log = open_log.open_log(str(folder / "soccer_goal_12.mcap"))
     first, second = log.messages(["/camera/image_raw"])
-    assert first.type == record.IMAGE
+    assert first.type == ros_log.IMAGE
     image = first.content
     assert len(image.data) == image.height * image.step and image.step >= 3 * image.width
     assert (first.log_t, second.log_t) == (8_297_777_777, 8_331_088_888)
     again = log.message("/camera/image_raw", 0, second.log_t, 0)
     assert np.array_equal(again.data, second.content.data)
     with pytest.raises(InputError, match=r"soccer_goal_0\.mcap: no such log, though"):
-        logs.open_log(str(folder))
+        open_log.open_log(str(folder))
 
 
 def test_an_sqlite_file_without_definitions_is_read_with_the_types_that_ros_ships():
     """Its README line says that it holds no message; it holds ten of two topics."""
-    log = logs.open_log(str(shared_data("logs/rosbag2_sqlite3")))
+    log = open_log.open_log(str(shared_data("logs/rosbag2_sqlite3")))
     assert {k: n for k, (_, n) in log.topics.items()} == {
         "/topic": 10, "/rosout": 10, "/parameter_events": 0,
     }  # fmt: skip

@@ -6,30 +6,33 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib import chain, estimation, geometry, markers, sessions
-from calib.information import covariance
+from calib.diagnosis import session_repeatability
+from calib.estimation import estimate_state, solver
+from calib.estimation.corrections import robot_markers
+from calib.estimation.nlp.information_matrix import covariance
+from calib.geometry import se3
 from test_sessions import LIMITS, recorded
 
-ANEW = geometry.se3_exp(np.array([0.03, -0.02, 0.01, 0.05, -0.03, 0.08]))  # 3.7 cm, 5.7°
+ANEW = se3.se3_exp(np.array([0.03, -0.02, 0.01, 0.05, -0.03, 0.08]))  # 3.7 cm, 5.7°
 
 
 def remounted(seeds=(0, 1), told=True):
     """A Setup of two sessions, the robot's markers elsewhere by ANEW in the second."""
     made = recorded(seeds=seeds)
-    back = geometry.inverse(ANEW)
+    back = se3.inverse(ANEW)
     places = [
         replace(p, T_robot_body=back @ p.T_robot_body) if p.session == "morning" else p
         for p in made.placements
     ]
     poses = {n: {"T_robot_sensor": T.tolist()} for n, T in synthetic.TRUE.items()}
     there = {n: {"T_robot_sensor": (back @ T).tolist()} for n, T in synthetic.TRUE.items()}
-    anew = markers.corrections({"evening": poses, "morning": there}, ["morning"])
+    anew = robot_markers.corrections({"evening": poses, "morning": there}, ["morning"])
     return replace(made, placements=places, corrections=tuple(anew) if told else ())
 
 
 def solved(made):
-    start = {n: synthetic.TRUE[n] @ geometry.se3_exp(np.full(6, 0.003)) for n in made.models}
-    return estimation.estimate(made, start, **LIMITS)
+    start = {n: synthetic.TRUE[n] @ se3.se3_exp(np.full(6, 0.003)) for n in made.models}
+    return solver.estimate(made, start, **LIMITS)
 
 
 def test_markers_and_sensors_are_found_by_their_sigma():
@@ -38,15 +41,15 @@ def test_markers_and_sensors_are_found_by_their_sigma():
     for k in range(10):
         made = remounted(seeds=(2 * k, 2 * k + 1))
         result = solved(made)
-        told = markers.told(made, result)["morning"]
-        off = geometry.inverse(ANEW) @ np.array(told["T_robot_markers"]["matrix"])
+        told = robot_markers.told(made, result)["morning"]
+        off = se3.inverse(ANEW) @ np.array(told["T_robot_markers"]["matrix"])
         pairs = {"markers": (off, np.array(told["covariance"]))}
         spread = covariance(result.solution.information)
         for i, name in enumerate(sorted(made.models)):
-            T = geometry.inverse(synthetic.TRUE[name]) @ result.state.T_robot_sensor[name]
+            T = se3.inverse(synthetic.TRUE[name]) @ result.state.T_robot_sensor[name]
             pairs[name] = T, spread[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]
         for name, (T, C) in pairs.items():
-            xi = geometry.se3_log(T)
+            xi = se3.se3_log(T)
             nees[name].append(xi @ np.linalg.solve(C, xi) / 6)
     for name, found in nees.items():
         assert 0.47 < np.mean(found) < 1.80, name
@@ -54,27 +57,29 @@ def test_markers_and_sensors_are_found_by_their_sigma():
 
 def test_with_the_markers_estimated_no_sensor_seems_to_have_moved():
     made = remounted()
-    rows = sessions.repeatability(made, solved(made), **LIMITS)
+    rows = session_repeatability.repeatability(made, solved(made), **LIMITS)
     assert len(rows) == 4 and min(r["chance"] for r in rows) > 1e-3
 
 
 def test_without_a_word_of_it_every_sensor_seems_to_have_moved():
     made = remounted(told=False)
-    rows = sessions.repeatability(made, solved(made), **LIMITS)
+    rows = session_repeatability.repeatability(made, solved(made), **LIMITS)
     assert max(r["chance"] for r in rows) < 1e-12
 
 
 def test_slopes_by_the_markers_are_those_of_the_residuals():
     made = remounted()
-    state = chain.start(made, synthetic.TRUE, 1.0)
-    assigned = estimation.assign_all(made, state)
-    slopes = estimation.slopes(made, state, assigned)
+    state = estimate_state.start(made, synthetic.TRUE, 1.0)
+    assigned = solver.assign_all(made, state)
+    slopes = solver.slopes(made, state, assigned)
     step = np.zeros(6)
     step[[1, 5]] = 2e-6
-    moved = estimation.assign_all(made, replace(state, theta=state.theta + step))
+    moved = solver.assign_all(made, replace(state, theta=state.theta + step))
     for a, b, slope in zip(assigned, moved, slopes, strict=True):
         same = (a.feature >= 0) & (a.feature == b.feature)
-        expected = np.tensordot(step / markers.SIGMA, slope, 1) if len(slope) else 0 * a.standard.T
+        expected = (
+            np.tensordot(step / robot_markers.SIGMA, slope, 1) if len(slope) else 0 * a.standard.T
+        )
         np.testing.assert_allclose(
             (b.standard - a.standard).T[:, same], expected[:, same], atol=2e-4
         )
@@ -82,13 +87,13 @@ def test_slopes_by_the_markers_are_those_of_the_residuals():
 
 def test_if_all_sessions_were_mounted_anew_the_first_defines_the_robot_frame():
     none = {"camera": {"T_robot_sensor": None}}
-    found = markers.corrections({"a": none, "b": none, "c": none}, ["a", "b", "c"])
+    found = robot_markers.corrections({"a": none, "b": none, "c": none}, ["a", "b", "c"])
     assert [h.of for h in found] == ["b", "c"]
-    assert markers.corrections({"a": none, "b": none}, []) == []
+    assert robot_markers.corrections({"a": none, "b": none}, []) == []
     np.testing.assert_array_equal(found[0].start, np.zeros(6))
 
 
 def test_the_start_is_where_a_sensor_of_both_sessions_puts_the_markers():
     (found,) = remounted().corrections
-    np.testing.assert_allclose(geometry.se3_exp(found.start), ANEW, atol=1e-12)
+    np.testing.assert_allclose(se3.se3_exp(found.start), ANEW, atol=1e-12)
     assert found.of == "morning" and found.start.max() == pytest.approx(0.08)

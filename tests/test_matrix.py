@@ -29,10 +29,14 @@ import judge
 import recorders
 import runs
 import solve
-from calib import clouds, cropping, geometry, logs, rig, tables
-from calib.clouds import raw
-from calib.sim import files
-from calib.sim.scene import TARGETS
+from calib.geometry import se3
+from calib.io import parquet_tables
+from calib.io.logs import open_log
+from calib.sensors import sensor_models
+from calib.sensors.lidar.clouds import cloud_messages, raw_cloud
+from calib.views import sensor_reader
+from simulation import config_and_truth
+from simulation.world.room_scene import TARGETS
 from test_intake import taken
 
 AXES = {
@@ -120,7 +124,7 @@ def commands(tmp_path_factory):
                    "size_px": list(recorders.SIZE), "params": list(recorders.LENS)},
     }  # fmt: skip
     for name, T in known.guesses.items():
-        sensors[name]["T_robot_sensor"] = files.written_pose(T)
+        sensors[name]["T_robot_sensor"] = config_and_truth.written_pose(T)
     mocap = {"topics": ["/tf"], "map": containers.MAP, "pose_sigma": zero, "pose_bias_sigma": zero}
     written = {
         "config.yaml": {
@@ -146,7 +150,7 @@ def options(command, kind, driver, log):
         given = _flat(given)
     given |= {"log": log} if "log" in given else {}
     if "fingerprint" in given:
-        given |= {"fingerprint": logs.fingerprint(log)}
+        given |= {"fingerprint": open_log.fingerprint(log)}
         given["mocap"] |= {"topics": topics}
     return given
 
@@ -196,14 +200,14 @@ def streams(log, given, sensors):
     """{axis: digest} of what decode makes of each stream: poses and stamps; points, rings and
     times; pixels. given: the options of decode; sensors: their blocks of the rig."""
     columns, frames, audit = taken(log, given)
-    bodies = [tables.select(columns, columns["body"] == body) for body in given["bodies"]]
+    bodies = [parquet_tables.select(columns, columns["body"] == body) for body in given["bodies"]]
     out = {"mocap": _digest(*(b[k] for b in bodies for k in ("t", "xyz", "quat", "fault")))}
-    opened = logs.open_log(log)
+    opened = open_log.open_log(log)
     for name, axis in (("lidar", "driver"), ("camera", "image")):
         assert audit["sensors"][name]["status"]["ok"]
-        mine = tables.select(frames, frames["sensor"] == name)
-        block = rig.heard(sensors[name], audit["sensors"][name])
-        read = cropping.reader(opened, block, mine)
+        mine = parquet_tables.select(frames, frames["sensor"] == name)
+        block = sensor_models.heard(sensors[name], audit["sensors"][name])
+        read = sensor_reader.reader(opened, block, mine)
         content = [read(i) for i in range(len(mine["t"]))]
         content = [a for c in content for a in (c if isinstance(c, tuple) else (c,))]
         out[axis] = _digest(mine["t"], *content)
@@ -236,8 +240,8 @@ def poses(calibration):
 
 def off(one, other):
     """By how much two poses (4, 4) differ: the larger of m and rad."""
-    T = geometry.inverse(one) @ other
-    return max(np.linalg.norm(T[:3, 3]), geometry.angle(T[:3, :3]))
+    T = se3.inverse(one) @ other
+    return max(np.linalg.norm(T[:3, 3]), se3.angle(T[:3, :3]))
 
 
 def name(cell):
@@ -277,9 +281,10 @@ def test_every_stream_of_a_cell_is_that_of_a_cell_which_goes_to_the_end(found, c
 def test_points_of_a_laserscan_are_those_of_a_cloud_of_the_same_beam_to_a_micrometre():
     ((t, echoes), *_) = recorders.scene().flat
     scan, cloud = (
-        clouds.read(recorders.DRIVERS[driver](t, echoes)) for driver in (ONE_LINE, "velodyne")
+        cloud_messages.read(recorders.DRIVERS[driver](t, echoes))
+        for driver in (ONE_LINE, "velodyne")
     )
-    one, other = raw.xyz(scan), raw.xyz(cloud)
+    one, other = raw_cloud.xyz(scan), raw_cloud.xyz(cloud)
     assert len(one) == len(other) > 100
     assert np.abs(one - other).max() < 1e-6
 

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib import faults, geometry, mocap
-from calib.mocap import NS, Trajectory
+from calib.geometry import se3
+from calib.mocap import body_trajectory, pose_faults, stillness
+from calib.mocap.body_trajectory import NS, Trajectory
 from shared import shared_data
 
 MS = 1_000_000
@@ -25,17 +26,17 @@ def clock(seconds, hz=200):
 
 def moving(t, xi=REST, start=ORIGIN):
     """Trajectory of a body with the constant twist xi, m/s and rad/s."""
-    return Trajectory(t, start @ geometry.se3_exp(t[:, None] / NS * xi), GAP)
+    return Trajectory(t, start @ se3.se3_exp(t[:, None] / NS * xi), GAP)
 
 
 def noisy(trajectory, seed=0, sigma=NOISE):
     xi = np.random.default_rng(seed).normal(size=(len(trajectory.t), 6)) * sigma
-    return Trajectory(trajectory.t, trajectory.T @ geometry.se3_exp(xi), trajectory.max_gap)
+    return Trajectory(trajectory.t, trajectory.T @ se3.se3_exp(xi), trajectory.max_gap)
 
 
 def still(trajectory, trim_s=0.1, min_duration_s=0.3):
     """Still intervals, s, with the limits of the default config."""
-    spans = mocap.still_intervals(
+    spans = stillness.still_intervals(
         trajectory, WINDOW_S, MAX_LINEAR, MAX_ANGULAR, trim_s, min_duration_s
     )
     return spans / NS
@@ -43,7 +44,7 @@ def still(trajectory, trim_s=0.1, min_duration_s=0.3):
 
 # --- poses between samples
 
-POSES = geometry.se3_exp(
+POSES = se3.se3_exp(
     np.array(
         [[0, 0, 0, 0, 0, 0], [1, 2, 3, 0.1, 0.2, -0.3], [1, 2, 4, 3, 0, 0.1], [0, 0, 1, 0, 2, 0]]
     )
@@ -60,8 +61,8 @@ def test_a_pose_at_a_sample_is_that_sample_also_beside_a_gap():
 def test_a_pose_between_samples_lies_on_the_geodesic_in_proportion_to_time():
     T, known = SAMPLES.at([4 * MS, 12 * MS])
     assert known.all()
-    assert T[0] == pytest.approx(geometry.interpolate(POSES[0], POSES[1], 0.4), abs=1e-14)
-    assert T[1] == pytest.approx(geometry.interpolate(POSES[1], POSES[2], 0.2), abs=1e-14)
+    assert T[0] == pytest.approx(se3.interpolate(POSES[0], POSES[1], 0.4), abs=1e-14)
+    assert T[1] == pytest.approx(se3.interpolate(POSES[1], POSES[2], 0.2), abs=1e-14)
 
 
 @given(st.lists(st.floats(-1, 1), min_size=6, max_size=6), st.integers(0, NS))
@@ -69,7 +70,7 @@ def test_a_pose_between_samples_lies_on_the_geodesic_in_proportion_to_time():
 def test_a_body_of_constant_twist_is_known_exactly_at_any_time(xi, t):
     T, known = moving(clock(1, 40), np.array(xi)).at([t])
     assert known[0]
-    assert T[0] == pytest.approx(geometry.se3_exp(t / NS * np.array(xi)), abs=1e-12)
+    assert T[0] == pytest.approx(se3.se3_exp(t / NS * np.array(xi)), abs=1e-12)
 
 
 def test_nothing_is_known_in_a_gap_before_the_first_and_after_the_last_sample():
@@ -111,10 +112,10 @@ def test_stamps_of_this_century_lose_no_nanosecond():
 def test_a_relative_trajectory_is_the_target_seen_from_the_robot_where_both_are_known():
     robot = moving(clock(1, 100), np.array([0.2, 0, 0, 0, 0, 0.5]))
     t = np.array([-5, 3, 500, 990, 1001, 2000]) * MS
-    target = moving(t, np.array([0, 0.1, 0, 0.3, 0, 0]), geometry.pose(t=[3, 0, 0]))
-    relative = mocap.relative(robot, target)
+    target = moving(t, np.array([0, 0.1, 0, 0.3, 0, 0]), se3.pose(t=[3, 0, 0]))
+    relative = body_trajectory.relative(robot, target)
     assert (relative.t == t[1:4]).all()
-    expected = geometry.inverse(robot.at(t[1:4])[0]) @ target.T[1:4]
+    expected = se3.inverse(robot.at(t[1:4])[0]) @ target.T[1:4]
     assert np.abs(relative.T - expected).max() < 1e-14
 
 
@@ -128,36 +129,36 @@ def healthy(n=6):
 
 
 def test_a_healthy_stream_has_no_fault():
-    assert (faults.of(*healthy()) == "").all()
+    assert (pose_faults.of(*healthy()) == "").all()
 
 
 def test_a_stream_without_a_pose_has_no_fault():
-    assert faults.of(*healthy(0)).shape == (0,)
+    assert pose_faults.of(*healthy(0)).shape == (0,)
 
 
 @pytest.mark.parametrize("quat", [[0, 0, 0, 0], [0, 0, 0, 1], [0, 0, 0, -1]])
 def test_a_body_that_drops_to_the_origin_was_lost(quat):
     t, xyz, q = healthy()
     xyz[2], q[2] = 0, quat
-    assert faults.of(t, xyz, q).tolist() == ["", "", "zeros", "", "", ""]
+    assert pose_faults.of(t, xyz, q).tolist() == ["", "", "zeros", "", "", ""]
 
 
 def test_a_body_at_the_origin_all_the_time_is_a_choice_of_frames():
     t, xyz, q = healthy()
     xyz[:], q[:] = 0, [0, 0, 0, 1]
-    assert (faults.of(t, xyz, q) == "").all()
+    assert (pose_faults.of(t, xyz, q) == "").all()
 
 
 def test_a_body_that_turns_at_the_origin_is_tracked():
     t, xyz, q = healthy()
     xyz -= xyz[2]
-    assert (faults.of(t, xyz, q) == "").all()
+    assert (pose_faults.of(t, xyz, q) == "").all()
 
 
 def test_zeros_all_the_time_are_no_pose():
     t, xyz, q = healthy()
     xyz[:], q[:] = 0, 0
-    assert (faults.of(t, xyz, q) == "quaternion not unit").all()
+    assert (pose_faults.of(t, xyz, q) == "quaternion not unit").all()
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -167,7 +168,7 @@ def test_what_is_not_a_finite_number_is_a_fault(bad, column):
     values = np.hstack([xyz, q])
     values[3, column] = bad
     with np.errstate(invalid="ignore"):
-        found = faults.of(t, values[:, :3], values[:, 3:])
+        found = pose_faults.of(t, values[:, :3], values[:, 3:])
     assert found.tolist() == ["", "", "", "not a number", "", ""]
 
 
@@ -177,14 +178,14 @@ def test_what_is_not_a_finite_number_is_a_fault(bad, column):
 def test_a_quaternion_may_be_off_unit_by_a_hundredth(length, fault):
     t, xyz, q = healthy()
     q[1] *= length
-    assert faults.of(t, xyz, q)[1] == ("quaternion not unit" if fault else "")
+    assert pose_faults.of(t, xyz, q)[1] == ("quaternion not unit" if fault else "")
 
 
 def test_stamps_that_stand_or_go_back_are_faults_until_time_goes_on():
     _, xyz, q = healthy()
     t = np.array([0, 10, 10, 5, 9, 20])
     bad = "stamp not increasing"
-    assert faults.of(t, xyz, q).tolist() == ["", "", bad, bad, bad, ""]
+    assert pose_faults.of(t, xyz, q).tolist() == ["", "", bad, bad, bad, ""]
 
 
 def test_a_trajectory_is_made_of_the_healthy_poses_of_its_body():
@@ -192,10 +193,10 @@ def test_a_trajectory_is_made_of_the_healthy_poses_of_its_body():
     fault = np.array(["", "zeros", "", "", "", ""])
     body = np.array(["robot", "robot", "robot", "board", "robot", "board"])
     columns = dict(body=body, t=t, xyz=xyz, quat=q, fault=fault)
-    robot = mocap.trajectory(columns, "robot", 0.05)
+    robot = body_trajectory.trajectory(columns, "robot", 0.05)
     assert (robot.t == t[[0, 2, 4]]).all() and robot.max_gap == GAP
-    assert robot.T[1] == pytest.approx(geometry.from_xyz_quat(xyz[2], q[2]))
-    assert len(mocap.trajectory(columns, "nobody", 0.05).t) == 0
+    assert robot.T[1] == pytest.approx(se3.from_xyz_quat(xyz[2], q[2]))
+    assert len(body_trajectory.trajectory(columns, "nobody", 0.05).t) == 0
 
 
 # --- speeds
@@ -203,7 +204,7 @@ def test_a_trajectory_is_made_of_the_healthy_poses_of_its_body():
 
 @pytest.mark.parametrize("hz", [30, 100, 300])
 def test_a_constant_velocity_is_recovered_exactly(hz):
-    linear, angular = mocap.speeds(
+    linear, angular = stillness.speeds(
         moving(clock(2, hz), np.array([0.3, -0.4, 0, 0, 0, 0])), WINDOW_S
     )
     inside = np.isfinite(linear)
@@ -215,7 +216,7 @@ def test_a_constant_velocity_is_recovered_exactly(hz):
 @pytest.mark.parametrize("rate", [0.01, 1.0, 20.0])
 def test_a_constant_turning_rate_is_recovered_exactly_through_any_number_of_turns(rate):
     spin = rate * np.array([2, -3, 6]) / 7
-    linear, angular = mocap.speeds(moving(clock(3), np.append([0, 0, 0], spin)), WINDOW_S)
+    linear, angular = stillness.speeds(moving(clock(3), np.append([0, 0, 0], spin)), WINDOW_S)
     inside = np.isfinite(angular)
     assert angular[inside] == pytest.approx(np.full(inside.sum(), rate), rel=1e-9)
     assert linear[inside] == pytest.approx(np.zeros(inside.sum()), abs=1e-9)
@@ -224,14 +225,14 @@ def test_a_constant_turning_rate_is_recovered_exactly_through_any_number_of_turn
 def test_a_speed_is_right_at_the_end_of_a_log_of_an_hour():
     """Sums over all samples must not swallow the window's own."""
     t = clock(3600, 200)
-    T = geometry.pose(t=np.column_stack([5 + 1e-3 * t / NS, 0 * t, 0 * t]))
-    linear, _ = mocap.speeds(Trajectory(t, T, GAP), WINDOW_S)
+    T = se3.pose(t=np.column_stack([5 + 1e-3 * t / NS, 0 * t, 0 * t]))
+    linear, _ = stillness.speeds(Trajectory(t, T, GAP), WINDOW_S)
     assert linear[-200:-100] == pytest.approx(np.full(100, 1e-3), abs=1e-4)
 
 
 def test_noise_is_averaged_over_the_window():
     """61 samples in 0.3 s: a slope scatters by σ √12 / (0.3 s √61) = 0.3 mm/s per axis."""
-    linear, angular = mocap.speeds(noisy(moving(clock(20))), WINDOW_S)
+    linear, angular = stillness.speeds(noisy(moving(clock(20))), WINDOW_S)
     inside = np.isfinite(linear)
     differences = 0.0002 * np.sqrt(2) * 200
     assert np.sqrt(np.mean(linear[inside] ** 2)) < 0.002 < differences / 25
@@ -242,7 +243,7 @@ def test_noise_is_averaged_over_the_window():
 def test_speeds_are_infinite_where_half_a_window_is_not_covered():
     t = clock(2, 100)
     t = t[(t < 800 * MS) | (t > 1000 * MS)]
-    linear, angular = mocap.speeds(moving(t), WINDOW_S)
+    linear, angular = stillness.speeds(moving(t), WINDOW_S)
     for speed in (linear, angular):
         covered = np.isfinite(speed)
         assert t[covered].min() == 150 * MS and t[covered].max() == 1850 * MS
@@ -254,7 +255,7 @@ def test_speeds_are_infinite_where_half_a_window_is_not_covered():
 def test_speeds_are_infinite_beside_gaps_shorter_and_longer_than_the_window(gap_ms):
     t = clock(1, 100)
     t = np.concatenate([t, t + t[-1] + gap_ms * MS])
-    finite = t[np.isfinite(mocap.speeds(moving(t), WINDOW_S)[0])]
+    finite = t[np.isfinite(stillness.speeds(moving(t), WINDOW_S)[0])]
     edge = NS
     assert finite[finite < edge].max() == edge - 150 * MS
     assert finite[finite > edge].min() == edge + gap_ms * MS + 150 * MS
@@ -262,7 +263,7 @@ def test_speeds_are_infinite_beside_gaps_shorter_and_longer_than_the_window(gap_
 
 @pytest.mark.parametrize("n", [0, 1, 2])
 def test_too_few_samples_have_no_speed(n):
-    linear, angular = mocap.speeds(moving(clock(1)[:n]), WINDOW_S)
+    linear, angular = stillness.speeds(moving(clock(1)[:n]), WINDOW_S)
     assert linear.shape == angular.shape == (n,)
     assert np.isinf(linear).all() and np.isinf(angular).all()
 
@@ -295,9 +296,9 @@ def test_an_oscillation_within_the_window_is_motion(hz):
     """A hand's tremor, 5 mm: the slope over 0.3 s vanishes all the time at 4.77 and 8.2 Hz."""
     t = clock(5)
     swing = np.sin(2 * np.pi * hz * t / NS)
-    shaken = geometry.pose(t=0.005 * swing[:, None] * [0.6, 0.8, 0])
+    shaken = se3.pose(t=0.005 * swing[:, None] * [0.6, 0.8, 0])
     assert len(still(Trajectory(t, shaken, GAP))) == 0
-    nodding = geometry.pose(geometry.so3_exp(np.radians(1) * swing[:, None] * [0, 0.6, 0.8]))
+    nodding = se3.pose(se3.so3_exp(np.radians(1) * swing[:, None] * [0, 0.6, 0.8]))
     assert len(still(Trajectory(t, nodding, GAP))) == 0
 
 
@@ -305,7 +306,7 @@ def stops(seconds_still, gap_s=0.0, step=0.5):
     """Trajectory that is still, moves by step, m, within 1 s (or unseen in a gap), and is still."""
     t = clock(2 * seconds_still + 1, 100)
     s = np.clip(t / NS - seconds_still, 0, 1)
-    T = geometry.pose(t=(step * (3 * s**2 - 2 * s**3))[:, None] * [1, 0, 0])
+    T = se3.pose(t=(step * (3 * s**2 - 2 * s**3))[:, None] * [1, 0, 0])
     seen = np.abs(t / NS - seconds_still - 0.5) >= gap_s / 2
     return Trajectory(t[seen], T[seen], GAP)
 
@@ -346,12 +347,12 @@ def test_no_sample_is_no_stillness():
 
 def test_white_noise_counts_nearly_every_sample():
     xi = np.random.default_rng(0).normal(size=(2000, 6))
-    assert 1400 < mocap.effective_samples(xi - xi.mean(0)) <= 2000
+    assert 1400 < stillness.effective_samples(xi - xi.mean(0)) <= 2000
 
 
 def test_a_random_walk_counts_few():
     xi = np.cumsum(np.random.default_rng(0).normal(size=(2000, 6)), 0)
-    assert mocap.effective_samples(xi - xi.mean(0)) < 20
+    assert stillness.effective_samples(xi - xi.mean(0)) < 20
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -361,21 +362,21 @@ def test_a_first_order_process_counts_as_its_theory_says(seed):
     xi = np.zeros((4000, 6))
     for i in range(1, 4000):
         xi[i] = 0.9 * xi[i - 1] + rng.normal(size=6)
-    assert mocap.effective_samples(xi - xi.mean(0)) == pytest.approx(211, rel=0.3)
+    assert stillness.effective_samples(xi - xi.mean(0)) == pytest.approx(211, rel=0.3)
 
 
 def test_samples_sent_twice_count_once():
     xi = np.repeat(np.random.default_rng(0).normal(size=(1000, 6)), 2, 0)
-    assert mocap.effective_samples(xi - xi.mean(0)) < 1100
+    assert stillness.effective_samples(xi - xi.mean(0)) < 1100
 
 
 def test_identical_poses_are_one_measurement():
-    assert mocap.effective_samples(np.zeros((500, 6))) == 1
+    assert stillness.effective_samples(np.zeros((500, 6))) == 1
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_few_samples_are_one_measurement(n):
-    assert mocap.effective_samples(np.random.default_rng(0).normal(size=(n, 6))) == 1
+    assert stillness.effective_samples(np.random.default_rng(0).normal(size=(n, 6))) == 1
 
 
 # --- recorded streams
@@ -393,9 +394,9 @@ def recorded(name, separator=None):
 def loaded(name, max_gap_s, separator=None):
     """Trajectory of a recorded stream without its faults, and the faults."""
     t, xyz, quat = recorded(name, separator)
-    fault = faults.of(t, xyz, quat)
+    fault = pose_faults.of(t, xyz, quat)
     columns = dict(body=np.full(len(t), "body"), t=t, xyz=xyz, quat=quat, fault=fault)
-    return mocap.trajectory(columns, "body", max_gap_s), fault
+    return body_trajectory.trajectory(columns, "body", max_gap_s), fault
 
 
 def between(t):
@@ -430,7 +431,7 @@ def test_tum_vi_room1_has_27_gaps_longer_than_two_periods_and_no_fault():
 
 def test_no_still_interval_of_tum_vi_room1_spans_a_gap():
     body, _ = loaded("tum_vi_room1.txt", 0.05)
-    spans = mocap.still_intervals(body, WINDOW_S, 0.05, np.radians(5), 0.0, 0.0)
+    spans = stillness.still_intervals(body, WINDOW_S, 0.05, np.radians(5), 0.0, 0.0)
     gaps = body.t[:-1][np.diff(body.t) > body.max_gap]
     assert len(spans) and len(gaps) == 7
     assert not any(((spans[:, 0] <= g) & (g < spans[:, 1])).any() for g in gaps)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from calib import noise
-from calib.kinds.assignment import Assignment, Noise, cells
+from calib.estimation import noise_model
+from calib.estimation.residuals.assignment import Assignment, Noise, cells
 
 WHITE = Noise(1.0, 0.0)
 
@@ -82,7 +82,7 @@ def drawn(rng, n_cells, m, white, common, k=1):
 def test_the_share_in_common_is_found_without_bias(white, common):
     """Over 40 draws of 60 cells of 8."""
     draws = [drawn(np.random.default_rng(s), 60, 8, white, common) for s in range(40)]
-    found = np.mean([noise.common_share(*d, 0.0) for d in draws])
+    found = np.mean([noise_model.common_share(*d, 0.0) for d in draws])
     assert found == pytest.approx(common**2 / (white**2 + common**2), abs=0.02)
 
 
@@ -94,19 +94,19 @@ def test_what_the_estimate_took_out_of_the_means_is_put_back():
         means = np.bincount(cell, values[:, 0]) / 8
         values = values - np.where(cell < 20, means[cell], 0)[:, None]
         for absorbed, found in shares.items():
-            share = noise.common_share(values, cell, absorbed)
+            share = noise_model.common_share(values, cell, absorbed)
             found.append(share / (1 - share))
     assert np.mean(shares[20.0]) == pytest.approx(4.0, rel=0.1)
     assert np.mean(shares[0.0]) == pytest.approx(4.0 * 2 / 3, rel=0.1)
 
 
 def test_measurements_that_nothing_repeats_have_no_share_in_common():
-    assert noise.common_share(np.ones((5, 2)), np.arange(5), 0.0) == 0
+    assert noise_model.common_share(np.ones((5, 2)), np.arange(5), 0.0) == 0
 
 
 def test_the_steps_of_a_scan_pattern_are_common_from_the_start():
-    assert noise.initial("edge", 10.0) == Noise(0.0, 1.0)
-    assert noise.initial("surface", 10.0) == Noise(10.0, 0.0)
+    assert noise_model.initial("edge", 10.0) == Noise(0.0, 1.0)
+    assert noise_model.initial("surface", 10.0) == Noise(10.0, 0.0)
 
 
 # --- the motion capture
@@ -114,7 +114,9 @@ def test_the_steps_of_a_scan_pattern_are_common_from_the_start():
 
 def test_mcs_errors_as_large_as_stated_leave_the_factor_at_one_in_99_of_100_cases():
     rng = np.random.default_rng(0)
-    factors = [noise.of_mocap(rng.normal(size=(8, 6)), np.ones((8, 6)), 1.0) for _ in range(2000)]
+    factors = [
+        noise_model.of_mocap(rng.normal(size=(8, 6)), np.ones((8, 6)), 1.0) for _ in range(2000)
+    ]
     assert 0.985 < np.mean(np.array(factors) == 1.0) < 0.995
 
 
@@ -122,9 +124,9 @@ def test_mcs_errors_five_times_as_large_raise_the_factor_towards_five():
     rng = np.random.default_rng(1)
     factor, y = 1.0, 5 * rng.normal(size=(20, 6))
     for _ in range(20):
-        factor = noise.of_mocap(y / factor, np.ones((20, 6)), factor)
+        factor = noise_model.of_mocap(y / factor, np.ones((20, 6)), factor)
     assert 3.5 < factor < 5.5
 
 
 def test_errors_that_the_data_do_not_tell_say_nothing_of_the_motion_capture():
-    assert noise.of_mocap(np.full((4, 6), 3.0), np.full((4, 6), 0.01), 1.7) == 1.7
+    assert noise_model.of_mocap(np.full((4, 6), 3.0), np.full((4, 6), 0.01), 1.7) == 1.7

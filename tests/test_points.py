@@ -10,31 +10,21 @@ import pytest
 import yaml
 from scipy.spatial import cKDTree
 
-from calib import (
-    assembly,
-    chain,
-    config,
-    estimation,
-    geometry,
-    given,
-    kinds,
-    limbs,
-    registration,
-    rig,
-    targets,
-)
-from calib.cameras import Camera
-from calib.extraction import camera as extract_camera
-from calib.extraction import job
-from calib.extraction import lidar as extract_lidar
-from calib.kinds import nearest, silhouette
-from calib.kinds.assignment import Noise
-from calib.status import InputError
-from calib.targets import cloud, cylinder, points, polygon
+from calib.estimation import estimate_state, estimation_problem, problem_assembly, solver
+from calib.estimation.residuals import nearest_point, residual_registry, template_silhouette
+from calib.estimation.residuals.assignment import Noise
+from calib.extraction import camera_keypoints, extraction_inputs, lidar_keypoints
+from calib.geometry import icp, polygon, se3
+from calib.io import config
+from calib.io.status import InputError
+from calib.sensors.camera.camera_model import Camera
+from calib.sensors.lidar import lidar_model
+from calib.targets import cylinder, point_template, target_shapes, template_cloud
 from calib.targets.board import Board
+from calib.targets.color import Color
 
 SPACING = 0.005  # m
-LIDAR = rig.Lidar(np.radians(0.2), np.radians(2.0), None, None, (0.3, 100.0), 0.01)
+LIDAR = lidar_model.Lidar(np.radians(0.2), np.radians(2.0), None, None, (0.3, 100.0), 0.01)
 PINHOLE = Camera("radtan", (800.0, 800.0, 449.5, 349.5, 0, 0, 0, 0), (900, 700))
 GATE = {"gate_sigma": 6.0}
 SQUARE = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
@@ -48,19 +38,19 @@ every_spacing = pytest.mark.parametrize("spacing", [0.005, 0.03])
 def by_points(shape, spacing=SPACING, keypoints="all"):
     """A shape that is compared by a template made from it."""
     block = {"spacing_m": spacing, "keypoints": keypoints}
-    return replace(shape, points=points.from_config(block, shape))
+    return replace(shape, points=point_template.from_config(block, shape))
 
 
 BOARD = by_points(Board(SQUARE, 0.0, None))
 CYLINDER = by_points(cylinder.Cylinder(0.8, 0.1))
 # A board 2 m ahead that faces the sensor, which looks along x, but for a turn.
 FACING = np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]])
-T_BOARD = geometry.pose(geometry.so3_exp([0.1, -0.2, 0.3]) @ FACING, [2, 0.1, 0.5])
+T_BOARD = se3.pose(se3.so3_exp([0.1, -0.2, 0.3]) @ FACING, [2, 0.1, 0.5])
 
 
 def off(T, T_true):
     """Translation (3,), mm, and rotation (3,), deg, of T seen from the true pose."""
-    xi = geometry.se3_log(geometry.inverse(T_true) @ T)
+    xi = se3.se3_log(se3.inverse(T_true) @ T)
     return xi[:3] * 1e3, np.degrees(xi[3:])
 
 
@@ -110,12 +100,12 @@ def test_the_template_of_a_cylinder_lies_on_its_side_and_caps_and_covers_both(sp
 
 def test_the_shape_that_config_describes_gets_its_template_only_where_it_asks_for_points():
     block = {"shape": "cylinder", "length_m": 0.8, "radius_m": 0.1}
-    assert targets.from_config(block).points is None
+    assert target_shapes.from_config(block).points is None
     asked = block | {"method": "points", "points": {"keypoints": "all", "spacing_m": 0.02}}
-    found = targets.from_config(asked).points
+    found = target_shapes.from_config(asked).points
     assert np.array_equal(found.template, cylinder.Cylinder(0.8, 0.1).template(0.02))
     assert (found.spacing, found.keypoints) == (0.02, "all")
-    assert targets.from_config(asked | {"method": "surface"}).points is None
+    assert target_shapes.from_config(asked | {"method": "surface"}).points is None
 
 
 # --- templates from files
@@ -136,30 +126,30 @@ def test_a_template_is_read_back_as_it_was_written(tmp_path, ending, digits):
     """PLY holds doubles, PCD floats."""
     template = CYLINDER.template(0.05)
     path = written(tmp_path / f"rod.{ending}", template)
-    found = points.read(path)
+    found = point_template.read(path)
     assert len(found) == len(template)
     assert cKDTree(found).query(template)[0].max() < digits
     block = {"template_file": str(path), "spacing_m": 9.0, "keypoints": "all"}
-    found = points.from_config(block, None)
+    found = point_template.from_config(block, None)
     between = np.median(cKDTree(template).query(template, k=2)[0][:, 1])
     assert found.spacing == pytest.approx(between, abs=1e-6)  # the file's, not the stated
 
 
 def test_a_template_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"none\.ply: no such template; points\.template_file"):
-        points.read(tmp_path / "none.ply")
+        point_template.read(tmp_path / "none.ply")
 
 
 @pytest.mark.parametrize("name", ["empty.ply", "empty.pcd", "empty.stl"])
 def test_an_empty_file_is_no_template(tmp_path, name):
     (tmp_path / name).write_text("")
     with pytest.raises(InputError, match=rf"{name}: 0 points.*as \.pcd or \.ply"):
-        points.read(tmp_path / name)
+        point_template.read(tmp_path / name)
 
 
 def test_three_points_are_no_template(tmp_path):
     with pytest.raises(InputError, match="few.ply: 3 points"):
-        points.read(written(tmp_path / "few.ply", np.eye(3)))
+        point_template.read(written(tmp_path / "few.ply", np.eye(3)))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -167,7 +157,7 @@ def test_a_template_with_a_point_that_is_nowhere_is_refused(tmp_path, bad):
     template = CYLINDER.template(0.1)
     template[3, 1] = bad
     with pytest.raises(InputError, match="bad.ply: .* points, or some not finite; expected"):
-        points.read(written(tmp_path / "bad.ply", template))
+        point_template.read(written(tmp_path / "bad.ply", template))
 
 
 # --- config
@@ -268,15 +258,15 @@ def test_what_was_loaded_makes_the_target_of_its_template(folder):
     template = CYLINDER.template(0.05)
     written(folder / "chair.ply", template)
     block = CLOUD | {"points": loaded(folder)}
-    found = targets.from_config(block)
-    assert isinstance(found, cloud.Cloud)
+    found = target_shapes.from_config(block)
+    assert isinstance(found, template_cloud.Cloud)
     assert cKDTree(found.points.template).query(template)[0].max() < 1e-15
 
 
 def test_points_that_a_template_file_holds_twice_count_once(tmp_path):
     template = CYLINDER.template(0.05)
     path = written(tmp_path / "twice.ply", np.concatenate([template, template]))
-    assert len(points.read(path)) == len(template)
+    assert len(point_template.read(path)) == len(template)
 
 
 # --- ICP
@@ -296,8 +286,8 @@ def side(n, spread, seed=0):
 
 def laid(target, q, error):
     """off() of the template that ICP lays on returns at q (n, 3) from a start that is off."""
-    start = T_BOARD @ geometry.se3_exp(error)
-    return off(registration.icp(target.points, geometry.transform(T_BOARD, q), start), T_BOARD)
+    start = T_BOARD @ se3.se3_exp(error)
+    return off(icp.icp(target.points, se3.transform(T_BOARD, q), start), T_BOARD)
 
 
 @pytest.mark.parametrize(
@@ -339,22 +329,22 @@ def test_icp_with_nothing_near_leaves_the_pose_alone():
 
 def extracted(q, keypoints, error=(0,) * 6, min_points=20):
     """(keypoint columns, status) of returns at q (n, 3) on the board, one view."""
-    p, n = geometry.transform(T_BOARD, q), len(q)
+    p, n = se3.transform(T_BOARD, q), len(q)
     views = {"view": [0], "t": [0], "target": ["board"], "placement": [0]}
     views |= {"dt": [np.zeros(n, int)], "ring": [np.zeros(n, int)]}
     target = replace(BOARD, points=replace(BOARD.points, keypoints=keypoints))
-    place = given.Placement("s", "board", T_BOARD, np.eye(4), np.zeros(6))
+    place = estimation_problem.Placement("s", "board", T_BOARD, np.eye(4), np.zeros(6))
     options = {"min_points": min_points}
-    T_guess = T_BOARD @ geometry.inverse(T_BOARD @ geometry.se3_exp(error))
+    T_guess = T_BOARD @ se3.inverse(T_BOARD @ se3.se3_exp(error))
     parts = ("lidar", LIDAR, {"board": target}, {0: place}, T_guess, None, None, options, {}, {})
-    return extract_lidar.by_template(job.Job(*parts), views, 0, p, np.arange(n))
+    return lidar_keypoints.by_template(extraction_inputs.Job(*parts), views, 0, p, np.arange(n))
 
 
 def test_all_returns_near_the_template_are_keypoints_with_the_noise_of_both():
     q = np.concatenate([face(100), [[0, 0, 0.5], [0, 0, -0.3]]])
     columns, status = extracted(q, "all")
     assert status.ok and set(columns["kind"]) == {"point"}
-    assert np.abs(columns["xyz"] - geometry.transform(T_BOARD, q[:100])).max() < 1e-12
+    assert np.abs(columns["xyz"] - se3.transform(T_BOARD, q[:100])).max() < 1e-12
     assert columns["sigma"] == pytest.approx(np.full(100, np.hypot(0.01, SPACING)))
 
 
@@ -366,7 +356,7 @@ def test_fewer_returns_near_the_template_than_are_asked_for_are_too_few():
 def test_the_corners_that_icp_laid_on_a_whole_board_are_near_its_own():
     columns, status = extracted(face(900), "corners", (0.003, 0.003, 0.02, 0.02, 0.02, 0))
     assert status.ok and set(columns["kind"]) == {"vertex"}
-    found = geometry.transform(geometry.inverse(T_BOARD), columns["xyz"])
+    found = se3.transform(se3.inverse(T_BOARD), columns["xyz"])
     away = np.abs(found - BOARD.outline_points()).max(0)
     assert away[2] < 1e-4 and away[:2].max() < 0.005  # in the plane about as it started
     assert columns["sigma"] == pytest.approx(np.full(4, np.hypot(0.01, SPACING)))
@@ -379,22 +369,22 @@ def test_a_return_off_the_template_spoils_the_corners():
 
 def test_all_of_a_contour_is_measured_where_a_target_is_compared_by_points():
     """Not its straight sides alone: the caps tell how far along its axis a cylinder lies."""
-    T = geometry.pose(geometry.so3_exp([0, 0.3, 0.4]), [0, 0, 2])
-    uv, _ = PINHOLE.project(geometry.transform(T, CYLINDER.points.template))
+    T = se3.pose(se3.so3_exp([0, 0.3, 0.4]), [0, 0, 2])
+    uv, _ = PINHOLE.project(se3.transform(T, CYLINDER.points.template))
     image = np.full((700, 900, 3), 120, np.uint8)
     hull = cv2.convexHull((16 * uv).round().astype(np.int32))
     cv2.fillConvexPoly(image, hull, (40, 180, 40), cv2.LINE_AA, 4)
     color = {"hue_deg": [90, 150], "saturation": [0.3, 1], "value": [0.15, 1]}
     found = {}
     for target in (CYLINDER, replace(CYLINDER, points=None)):
-        target = replace(target, color=limbs.Color.from_config(color))
-        place = given.Placement("s", "rod", T, np.eye(4), np.zeros(6))
+        target = replace(target, color=Color.from_config(color))
+        place = estimation_problem.Placement("s", "rod", T, np.eye(4), np.zeros(6))
         parts = ("camera", PINHOLE, {"rod": target}, {0: place}, np.eye(4), None, None, {}, {}, {})
         views = {"view": [0], "t": [0], "target": ["rod"], "placement": [0], "u0": [0], "v0": [0]}
-        columns, status = extract_camera.contour(job.Job(*parts), views, 0, image)
+        columns, status = camera_keypoints.contour(extraction_inputs.Job(*parts), views, 0, image)
         assert status.ok
         found[columns["kind"][0]] = columns["uv"]
-    ends, _ = PINHOLE.project(geometry.transform(T, np.array([[0.4, 0, 0], [-0.4, 0, 0]])))
+    ends, _ = PINHOLE.project(se3.transform(T, np.array([[0.4, 0, 0], [-0.4, 0, 0]])))
     reached = {k: cKDTree(v).query(ends)[0].max() for k, v in found.items()}
     assert set(found) == {"silhouette", "limb"}
     assert len(found["silhouette"]) > len(found["limb"])
@@ -405,13 +395,15 @@ def test_all_of_a_contour_is_measured_where_a_target_is_compared_by_points():
 
 
 def test_three_kinds_are_measured_against_the_nearest_point():
-    assert {k for k in kinds.KINDS if kinds.by_nearest_point(k)} == {
+    assert {k for k in residual_registry.KINDS if residual_registry.by_nearest_point(k)} == {
         "point",
         "vertex",
         "silhouette",
     }
-    for name, kind in kinds.KINDS.items():
-        assert kinds.first(name) is (kind.first if kinds.by_nearest_point(name) else kind.assign)
+    for name, kind in residual_registry.KINDS.items():
+        assert residual_registry.first(name) is (
+            kind.first if residual_registry.by_nearest_point(name) else kind.assign
+        )
 
 
 CORNERS = replace(BOARD, points=replace(BOARD.points, keypoints="corners"))
@@ -422,8 +414,8 @@ paired = pytest.mark.parametrize("kind", PAIRED)
 
 def pairs(kind, q, T_guess, first=False, sigma=0.01):
     """The Assignment of points at q (n, 3) on the target at T_BOARD."""
-    keypoints = {"xyz": geometry.transform(T_BOARD, q), "sigma": np.full(len(q), sigma)}
-    function = kinds.first(kind) if first else kinds.KINDS[kind].assign
+    keypoints = {"xyz": se3.transform(T_BOARD, q), "sigma": np.full(len(q), sigma)}
+    function = residual_registry.first(kind) if first else residual_registry.KINDS[kind].assign
     return function(LIDAR, PAIRED[kind][0], T_guess, keypoints, GATE, Noise(1.0, 0.0))
 
 
@@ -445,7 +437,7 @@ def test_the_points_of_a_target_where_they_are_belong_to_themselves_without_resi
 def test_the_first_pass_lays_the_centroids_on_each_other(kind):
     """A guess 0.9 m aside pairs every point with another; the residual stays that of the guess."""
     shift = np.array([0.9, 0, 0, 0, 0, 0])
-    guess = T_BOARD @ geometry.se3_exp(shift)
+    guess = T_BOARD @ se3.se3_exp(shift)
     q = PAIRED[kind][1]
     assert same(kind, pairs(kind, q, guess, sigma=1.0)) < 0.7
     found = pairs(kind, q, guess, first=True, sigma=1.0)
@@ -465,8 +457,8 @@ def test_a_point_beyond_the_gate_belongs_to_nothing(kind):
 
 def test_the_residual_is_the_measured_point_minus_that_of_the_target_over_sigma():
     """Equation 2: R (1, 2, 3) is (-2, 1, 3) for a quarter turn about z."""
-    R, t = geometry.so3_exp([0, 0, np.pi / 2]), np.array([10, 20, 30])
-    found = nearest.residual(R, t, np.array([8.5, 21, 32.9, 1, 2, 3, 10]))
+    R, t = se3.so3_exp([0, 0, np.pi / 2]), np.array([10, 20, 30])
+    found = nearest_point.residual(R, t, np.array([8.5, 21, 32.9, 1, 2, 3, 10]))
     assert np.asarray(found).reshape(-1) == pytest.approx([5, 0, -1], abs=1e-12)
 
 
@@ -475,7 +467,7 @@ def test_the_residual_is_the_measured_point_minus_that_of_the_target_over_sigma(
 
 def border(size):
     """A rectangle (n, 2), px, of points 1 px apart, turned; and the depth of points inside it."""
-    R = geometry.so3_exp([0, 0, 0.4])[:2, :2]
+    R = se3.so3_exp([0, 0, 0.4])[:2, :2]
     u, v = (np.arange(-s / 2, s / 2 + 0.1) for s in size)
     uv = np.stack(np.meshgrid(u, v), -1).reshape(-1, 2)
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array(size) / 2
@@ -495,7 +487,7 @@ DENSE = {"rectangle": border((80, 50)), "disc": disc(30.0), "small disc": disc(5
 @pytest.mark.parametrize("scale", [1.0, 0.02, 7.0])
 def test_the_rim_of_points_that_lie_densely_is_their_border(name, scale):
     uv, depth = DENSE[name]
-    rim = uv[silhouette.rim(scale * uv + [300, 200], scale)]
+    rim = uv[template_silhouette.rim(scale * uv + [300, 200], scale)]
     assert depth(rim).max() < 1.5
     around = rim[np.argsort(np.arctan2(*rim.T))]
     assert np.linalg.norm(np.roll(around, -1, 0) - around, axis=1).max() < 4
@@ -504,7 +496,7 @@ def test_the_rim_of_points_that_lie_densely_is_their_border(name, scale):
 def test_a_hole_inside_is_no_rim():
     uv, depth = DENSE["disc"]
     ring = uv[np.linalg.norm(uv, axis=1) > 15]
-    assert depth(ring[silhouette.rim(ring, 1.0)]).max() < 1.5
+    assert depth(ring[template_silhouette.rim(ring, 1.0)]).max() < 1.5
 
 
 VIEWS = {
@@ -518,14 +510,14 @@ VIEWS = {
 def seen(view, target):
     """Template points (n, 3) on the silhouette of a cylinder, and how far off its limbs, m."""
     at, turn = VIEWS[view]
-    T = geometry.pose(geometry.so3_exp(np.radians(turn)), at)
-    uv, valid = PINHOLE.project(geometry.transform(T, target.points.template))
+    T = se3.pose(se3.so3_exp(np.radians(turn)), at)
+    uv, valid = PINHOLE.project(se3.transform(T, target.points.template))
     assert valid.all() and PINHOLE.in_image(uv).all()
     keypoints = {"view": np.zeros(len(uv), int), "uv": uv, "sigma": np.full(len(uv), 1e3)}
-    found = silhouette.assign(PINHOLE, target, T, keypoints, GATE, Noise(1.0, 0.0))
+    found = template_silhouette.assign(PINHOLE, target, T, keypoints, GATE, Noise(1.0, 0.0))
     q = target.points.template[np.unique(found.feature)]
     # The planes through the camera that touch the side have the normals (0, cos, sin) of these.
-    _, y, z = geometry.inverse(T)[:3, 3]
+    _, y, z = se3.inverse(T)[:3, 3]
     touching = np.arctan2(z, y) + np.outer([1, -1], np.arccos(0.1 / np.hypot(y, z)))
     normals = np.column_stack([np.cos(touching), np.sin(touching)])
     return q, np.abs(q[:, 1:] @ normals.T - 0.1).min(1)
@@ -552,14 +544,14 @@ def test_the_silhouette_of_a_coarse_template_goes_all_the_way_round(view):
 
 def contour_of(T):
     """Pixels (n, 2) of the silhouette of the cylinder, as keypoints, and its template points."""
-    rows, uv = silhouette._silhouette(PINHOLE, CYLINDER, T)
+    rows, uv = template_silhouette._silhouette(PINHOLE, CYLINDER, T)
     return {"view": np.zeros(len(uv), int), "uv": uv, "sigma": np.full(len(uv), 0.1)}, rows
 
 
 def test_the_silhouette_where_it_is_belongs_to_itself_without_residual():
-    T = geometry.pose(geometry.so3_exp([0.2, 0.3, 1.4]), [0.1, 0.05, 2])
+    T = se3.pose(se3.so3_exp([0.2, 0.3, 1.4]), [0.1, 0.05, 2])
     keypoints, rows = contour_of(T)
-    for function in (silhouette.assign, silhouette.first):
+    for function in (template_silhouette.assign, template_silhouette.first):
         found = function(PINHOLE, CYLINDER, T, keypoints, GATE, Noise(1.0, 0.0))
         assert np.array_equal(found.feature, rows)
         assert np.abs(found.value).max() < 1e-9 and not found.cosine.any()
@@ -568,25 +560,27 @@ def test_the_silhouette_where_it_is_belongs_to_itself_without_residual():
 
 def test_the_first_pass_lays_the_centroids_of_the_contours_on_each_other():
     """A guess 6 cm aside along the axis is 24 px off; nearest pairs alone would be 6 cm off too."""
-    T = geometry.pose(geometry.so3_exp([0.2, 0.3, 1.4]), [0.1, 0.05, 2])
+    T = se3.pose(se3.so3_exp([0.2, 0.3, 1.4]), [0.1, 0.05, 2])
     keypoints, rows = contour_of(T)
-    guess = geometry.pose(t=[0, 0.06, 0]) @ T
+    guess = se3.pose(t=[0, 0.06, 0]) @ T
     wrong = []
-    for function in (silhouette.first, silhouette.assign):
+    for function in (template_silhouette.first, template_silhouette.assign):
         found = function(PINHOLE, CYLINDER, guess, keypoints, GATE, Noise(100.0, 0.0))
         off_own = found.numbers[:, 2:5] - CYLINDER.points.template[rows]
         wrong.append(np.median(np.linalg.norm(off_own, axis=1)))
         assert (found.feature >= 0).all()
     assert wrong[0] < 0.01 and wrong[1] > 0.05
-    value = silhouette.first(PINHOLE, CYLINDER, guess, keypoints, GATE, Noise(100.0, 0.0)).value
+    value = template_silhouette.first(
+        PINHOLE, CYLINDER, guess, keypoints, GATE, Noise(100.0, 0.0)
+    ).value
     assert value.mean(0) == pytest.approx([0, -24], abs=2)  # px: 6 cm · 800 px / 2 m
 
 
 def test_a_target_behind_the_camera_has_no_silhouette():
-    T = geometry.pose(t=[0, 0, 2.0])
+    T = se3.pose(t=[0, 0, 2.0])
     keypoints, _ = contour_of(T)
-    behind = geometry.pose(t=[0, 0, -2.0])
-    for function in (silhouette.assign, silhouette.first):
+    behind = se3.pose(t=[0, 0, -2.0])
+    for function in (template_silhouette.assign, template_silhouette.first):
         found = function(PINHOLE, CYLINDER, behind, keypoints, GATE, Noise(1.0, 0.0))
         assert (found.feature == -1).all()
 
@@ -594,8 +588,8 @@ def test_a_target_behind_the_camera_has_no_silhouette():
 # --- the estimate
 
 TARGETS = {"board": BOARD, "cylinder": CYLINDER}
-TRUE = geometry.from_rpy([0.1, -0.05, 0.7], [0.02, -0.03, 0.05])  # T_robot_lidar
-OFF = geometry.se3_exp(np.array([0.02] * 3 + [np.radians(3)] * 3) / np.sqrt(3))  # 2 cm, 3°
+TRUE = se3.from_rpy([0.1, -0.05, 0.7], [0.02, -0.03, 0.05])  # T_robot_lidar
+OFF = se3.se3_exp(np.array([0.02] * 3 + [np.radians(3)] * 3) / np.sqrt(3))  # 2 cm, 3°
 TURNS = ((0, 0.7, 0), (0, -0.7, 0), (0, 0, 0.7), (0, 0, -0.7))  # of boards, rad
 AXES = ((0, 0, 1), (0, 1, 0), (0, 1, 1), (0, 1, -1))  # of cylinders
 PLACES = ((2, -0.3, 0.4), (1.8, 0.3, 0.8), (2.2, 0, 0.6), (1.6, 0.2, 0.5))
@@ -614,32 +608,32 @@ def setup(kind, layout, shapes, sigma, mcs=0.0):
     rng = np.random.default_rng(0)
     places, groups = [], []
     for k, (name, T) in enumerate(layout):
-        robot, body = geometry.se3_exp(mcs * MCS_SIGMA * rng.normal(size=(2, 6)))
-        said = robot @ T @ geometry.inverse(body)
-        places.append(given.Placement("s", name, said, np.eye(4), sigma))
-        T_lidar_target = geometry.inverse(TRUE) @ T
+        robot, body = se3.se3_exp(mcs * MCS_SIGMA * rng.normal(size=(2, 6)))
+        said = robot @ T @ se3.inverse(body)
+        places.append(estimation_problem.Placement("s", name, said, np.eye(4), sigma))
+        T_lidar_target = se3.inverse(TRUE) @ T
         if kind == "vertex":
             q = shapes[name].outline_points()
         elif name == "board":
             q = face(200, seed=k)
         else:
-            towards = geometry.inverse(T_lidar_target)[:3, 3]
-            turn = geometry.so3_exp([np.arctan2(towards[2], towards[1]), 0, 0])
+            towards = se3.inverse(T_lidar_target)[:3, 3]
+            turn = se3.so3_exp([np.arctan2(towards[2], towards[1]), 0, 0])
             q = side(200, 1.2, seed=k) @ turn.T
-        columns = keypoint_columns(kind, k, geometry.transform(T_lidar_target, q))
-        groups.append(given.Group("lidar", k, kind, columns))
-    return given.Setup({"lidar": LIDAR}, shapes, places, groups, GATE, {})
+        columns = keypoint_columns(kind, k, se3.transform(T_lidar_target, q))
+        groups.append(estimation_problem.Group("lidar", k, kind, columns))
+    return estimation_problem.Setup({"lidar": LIDAR}, shapes, places, groups, GATE, {})
 
 
 def boards():
-    turns = [geometry.so3_exp(w) @ FACING for w in TURNS]
-    return [("board", geometry.pose(R, at)) for R, at in zip(turns, PLACES, strict=True)]
+    turns = [se3.so3_exp(w) @ FACING for w in TURNS]
+    return [("board", se3.pose(R, at)) for R, at in zip(turns, PLACES, strict=True)]
 
 
 def cylinders():
     axes = np.array(AXES) / np.linalg.norm(AXES, axis=1, keepdims=True)
     turns = [np.column_stack([x, np.cross(x, -np.eye(3)[0]), -np.eye(3)[0]]) for x in axes]
-    return [("cylinder", geometry.pose(R, at)) for R, at in zip(turns, PLACES[::-1], strict=True)]
+    return [("cylinder", se3.pose(R, at)) for R, at in zip(turns, PLACES[::-1], strict=True)]
 
 
 SOLVE = {"max_rounds": 100, "tolerance_m": 1e-8, "tolerance_rad": 1e-8}
@@ -649,7 +643,7 @@ SOLVE |= {"points_tolerance_m": 1e-5, "points_tolerance_rad": 1e-5}
 def estimated(problem):
     """The Result by the options of the solve stage from a start that is off by 2 cm and 3°."""
     start = {"lidar": TRUE @ OFF}
-    return estimation.estimate(problem, start, **assembly.limits(problem, SOLVE))
+    return solver.estimate(problem, start, **problem_assembly.limits(problem, SOLVE))
 
 
 def test_the_estimate_by_nearest_points_comes_within_1_mm_and_0_1_deg():
@@ -675,9 +669,9 @@ def test_targets_compared_by_points_say_nothing_of_the_noise_of_the_mcs():
     found = []
     for board in (BOARD, replace(BOARD, points=None)):
         problem = setup("vertex", boards(), {"board": board}, MCS_SIGMA)
-        state = chain.start(problem, {"lidar": TRUE}, 1.0)
+        state = estimate_state.start(problem, {"lidar": TRUE}, 1.0)
         state.y[:] = 5.0
-        found.append(estimation.mocap_factor(problem, state, 0.09 * np.eye(problem.n)))
+        found.append(solver.mocap_factor(problem, state, 0.09 * np.eye(problem.n)))
     assert found[0] == 1 and 3 < found[1] < 6
 
 
@@ -687,10 +681,10 @@ def assigned(feature):
 
 @pytest.mark.parametrize("kind, changed", [("point", 2), ("silhouette", 2), ("corner", 3)])
 def test_a_new_nearest_point_is_no_change_but_coming_and_going_is(kind, changed):
-    groups = [given.Group("s", 0, kind, {})]
-    one = given.Setup({}, {}, [], groups, {}, {})
+    groups = [estimation_problem.Group("s", 0, kind, {})]
+    one = estimation_problem.Setup({}, {}, [], groups, {}, {})
     before, after = [assigned([4, 5, -1, 7])], [assigned([4, 6, 3, -1])]
-    assert estimation.changes(one, before, after) == changed
+    assert solver.changes(one, before, after) == changed
 
 
 @pytest.mark.parametrize(
@@ -698,8 +692,8 @@ def test_a_new_nearest_point_is_no_change_but_coming_and_going_is(kind, changed)
     [(["surface"], 1e-8), (["surface", "point"], 1e-5)],
 )
 def test_the_estimate_settles_sooner_where_anything_is_compared_by_nearest_points(names, expected):
-    groups = [given.Group("s", 0, kind, {}) for kind in names]
-    found = assembly.limits(given.Setup({}, {}, [], groups, {}, {}), SOLVE)
+    groups = [estimation_problem.Group("s", 0, kind, {}) for kind in names]
+    found = problem_assembly.limits(estimation_problem.Setup({}, {}, [], groups, {}, {}), SOLVE)
     steps = {"tolerance_m": expected, "tolerance_rad": expected}
     assert found == {"max_rounds": 100, "noise": 10.0, **steps}
 
@@ -715,8 +709,8 @@ def corner_of_a_box():
     return np.unique(np.concatenate(grids), axis=0)
 
 
-BOX = cloud.Cloud(points.Points(corner_of_a_box(), 0.01, "all"))
-FLAT = cloud.Cloud(points.Points(COARSE.points.template, 0.04, "all"))
+BOX = template_cloud.Cloud(point_template.Points(corner_of_a_box(), 0.01, "all"))
+FLAT = template_cloud.Cloud(point_template.Points(COARSE.points.template, 0.04, "all"))
 every_cloud = pytest.mark.parametrize("target", [BOX, FLAT], ids=["box", "flat"])
 
 
@@ -733,7 +727,9 @@ def test_a_cloud_has_the_extents_of_its_points():
     assert BOX.centre == pytest.approx([0.2, 0.15, 0.1])
     assert BOX.reach == pytest.approx(np.linalg.norm([0.2, 0.15, 0.1]))
     grid = np.stack(np.meshgrid(np.arange(41) / 50, np.arange(21) / 50, [0]), -1).reshape(-1, 3)
-    plate = cloud.Cloud(points.Points(grid @ geometry.so3_exp([1, 2, 3]).T, 0.02, "all"))
+    plate = template_cloud.Cloud(
+        point_template.Points(grid @ se3.so3_exp([1, 2, 3]).T, 0.02, "all")
+    )
     assert plate.size == pytest.approx([0.8, 0.4, 0], abs=1e-12)
     assert plate.area == pytest.approx(0.32)
     assert (np.diff(BOX.size) <= 0).all()
@@ -750,7 +746,7 @@ def test_a_cloud_is_its_own_template_and_is_seen_from_all_sides_by_no_camera(tar
         assert not hasattr(target, name)
 
 
-T_BOX = geometry.pose(geometry.so3_exp([0.4, -0.5, 0.3]), [2, 0.1, 0.5])
+T_BOX = se3.pose(se3.so3_exp([0.4, -0.5, 0.3]), [2, 0.1, 0.5])
 MARGIN = np.repeat([0.05, np.radians(5)], 3)
 
 
@@ -760,11 +756,11 @@ def scan():
     q = rng.uniform(0, 1, (400, 3)) * [0.4, 0.3, 0.2]
     q[np.arange(400), rng.integers(0, 3, 400)] = 0
     wall = rng.uniform([2.9, -1, 0], [2.9, 1, 1.2], (300, 3))
-    return np.concatenate([geometry.transform(T_BOX, q), wall])
+    return np.concatenate([se3.transform(T_BOX, q), wall])
 
 
 def test_the_returns_on_a_cloud_are_found_and_a_wall_behind_is_left_out():
-    guess = T_BOX @ geometry.se3_exp([0.02, -0.01, 0.015, 0.03, 0, -0.02])
+    guess = T_BOX @ se3.se3_exp([0.02, -0.01, 0.015, 0.03, 0, -0.02])
     assert np.array_equal(BOX.fit(scan(), guess, MARGIN, LIDAR, {}), np.arange(400))
 
 
@@ -773,6 +769,6 @@ def test_a_wall_alone_is_no_cloud():
 
 
 def test_a_cloud_that_is_turned_farther_than_the_guess_may_be_wrong_is_not_found():
-    guess = T_BOX @ geometry.se3_exp([0, 0, 0, 0, 0, 0.3])
+    guess = T_BOX @ se3.se3_exp([0, 0, 0, 0, 0, 0.3])
     assert len(BOX.fit(scan(), guess, MARGIN, LIDAR, {})) == 0
     assert len(BOX.fit(scan(), guess, 4 * MARGIN, LIDAR, {})) > 350

@@ -6,9 +6,9 @@ import shutil
 import pytest
 
 import runs
-from calib import tables
+from calib.io import parquet_tables, table_schemas
 
-SCHEMAS = {"camera": tables.VIEWS_CAMERA, "velodyne": tables.VIEWS_LIDAR}
+SCHEMAS = {"camera": table_schemas.VIEWS_CAMERA, "velodyne": table_schemas.VIEWS_LIDAR}
 
 
 def preflight(folder):
@@ -78,8 +78,8 @@ def test_the_counts_are_those_that_crop_then_finds(looked_at):
     )
     for sensor, path in paths.items():
         seen = found["sensors"][sensor]["sessions"]["sim"]["targets"]
-        views, _, _ = tables.read(folder / path / "views.parquet", SCHEMAS[sensor])
-        moving, _, _ = tables.read(folder / path / "motion.parquet", SCHEMAS[sensor])
+        views, _, _ = parquet_tables.read(folder / path / "views.parquet", SCHEMAS[sensor])
+        moving, _, _ = parquet_tables.read(folder / path / "motion.parquet", SCHEMAS[sensor])
         for target, told in seen.items():
             kept = views["placement"][views["kept"] & (views["target"] == target)]
             assert len(set(kept.tolist())) == told["possible"]

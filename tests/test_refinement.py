@@ -6,27 +6,29 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib import chain, considered, estimation, geometry, hypotheses, refinement, rig
-from calib.information import covariance
+from calib.diagnosis import consider_covariance, model_selection
+from calib.estimation import estimate_state, pose_chain, solver
+from calib.estimation.corrections import correction_catalog
+from calib.estimation.nlp.information_matrix import covariance
+from calib.geometry import se3
+from calib.sensors.lidar import lidar_model
 from synthetic import LIDAR, World, setup
 
 MIXED = [("board", None)] * 7 + [("cylinder", None)] * 3
 SIGNS = (-1.0) ** np.arange(synthetic.RINGS)
 LIMITS = {"max_rounds": 30, "tolerance_m": 1e-6, "tolerance_rad": 1e-6, "noise": 100.0}
-START = {n: T @ geometry.se3_exp(np.full(6, 0.005)) for n, T in synthetic.TRUE.items()}
+START = {n: T @ se3.se3_exp(np.full(6, 0.005)) for n, T in synthetic.TRUE.items()}
 AUTO, OFF = {"beams": "auto"}, {"beams": False}
 
 
 def refined(world, seed=0, wanted=AUTO):
     """(Setup, Result, suspicions) of measurements of a World."""
-    return refinement.estimate(setup(seed, MIXED, world), START, wanted, **LIMITS)
+    return model_selection.estimate(setup(seed, MIXED, world), START, wanted, **LIMITS)
 
 
 def error(result, name):
     """(6,) of a sensor's pose, m and rad."""
-    return geometry.se3_log(
-        geometry.inverse(synthetic.TRUE[name]) @ result.state.T_robot_sensor[name]
-    )
+    return se3.se3_log(se3.inverse(synthetic.TRUE[name]) @ result.state.T_robot_sensor[name])
 
 
 def spread(result, made, name):
@@ -38,7 +40,7 @@ def spread(result, made, name):
 def lidar_of(made, result):
     """The lidar as its returns show it."""
     group = next(g for g in made.groups if g.kind == "surface")
-    return chain.model(made, result.state, group)
+    return pose_chain.model(made, result.state, group)
 
 
 # --- what is taken in
@@ -60,7 +62,7 @@ def test_single_beams_off_by_14_mm_are_found_to_3_mm_and_suspected_no_more():
 
 def test_a_bias_of_all_ranges_is_found_to_2_sigma_of_its_own():
     made, result, _ = refined(World(too_long=np.full(synthetic.RINGS, 0.02)))
-    (told,) = refinement.corrections(made, result, "lidar")
+    (told,) = model_selection.corrections(made, result, "lidar")
     assert told["name"] == "range_bias" and "too long" in told["text"]
     assert abs(told["estimate"][0] - 0.02) < 2 * told["sigma"][0] < 0.002
 
@@ -95,16 +97,18 @@ def test_sigma_knows_what_beams_err_by_in_common_by_how_the_pose_would_follow():
     """Of a lidar whose beams err by 14 mm: its covariance grows by σ² k kᵀ, k being by how much the
     pose moves when all ranges are shortened by 0.2 mm and everything is estimated anew."""
     made = setup(0, MIXED, World(too_long=0.014 * SIGNS))
-    (beams,) = [h for h in hypotheses.all_of(made) if h.name == "beams"]
+    (beams,) = [h for h in correction_catalog.all_of(made) if h.name == "beams"]
     made = replace(made, corrections=(beams,))
-    result = estimation.estimate(made, START, **LIMITS)
+    result = solver.estimate(made, START, **LIMITS)
     longer = made.models | {"lidar": replace(LIDAR, range_bias=2e-4)}
-    other = estimation.estimate(replace(made, models=longer), START, **LIMITS)
+    other = solver.estimate(replace(made, models=longer), START, **LIMITS)
     T, moved = (r.state.T_robot_sensor["lidar"] for r in (result, other))
-    k = geometry.se3_log(geometry.inverse(T) @ moved) / 2e-4
+    k = se3.se3_log(se3.inverse(T) @ moved) / 2e-4
     theta = result.state.theta
     sigma = np.sqrt(np.mean(theta**2) / (len(theta) + 1))
-    grown = spread(considered.widened(made, result), made, "lidar") - spread(result, made, "lidar")
+    grown = spread(consider_covariance.widened(made, result), made, "lidar") - spread(
+        result, made, "lidar"
+    )
     np.testing.assert_allclose(grown, sigma**2 * np.outer(k, k), atol=0.05 * grown.max())
     assert grown[:3, :3].trace() > 0.0005**2
 
@@ -115,15 +119,15 @@ def test_sigma_knows_what_beams_err_by_in_common_by_how_the_pose_would_follow():
 def test_the_programme_finds_the_same_with_the_numbers_as_with_the_data_mended_by_hand():
     """Priors of 1 km hold nothing: taking the estimated offsets off the data changes no pose."""
     made = setup(0, MIXED, World(too_long=0.014 * SIGNS))
-    loose = [h for h in hypotheses.all_of(made) if h.name == "beams"]
+    loose = [h for h in correction_catalog.all_of(made) if h.name == "beams"]
     made = replace(made, corrections=tuple(replace(h, sigma=1e3 * h.sigma) for h in loose))
-    result = estimation.estimate(made, START, 40, 1e-10, 1e-10, 100.0)
+    result = solver.estimate(made, START, 40, 1e-10, 1e-10, 100.0)
     lidar = lidar_of(made, result)
     groups = [mended(g, lidar) if g.kind == "surface" else g for g in made.groups]
     again = replace(made, groups=groups, corrections=())
     state = replace(result.state, theta=np.zeros(0))
-    problem = estimation.build(again)
-    _, fit, twists = estimation.step(again, problem, state, estimation.assign_all(again, state))
+    problem = solver.build(again)
+    _, fit, twists = solver.step(again, problem, state, solver.assign_all(again, state))
     assert fit.success and np.abs(twists).max() < 1e-9
 
 
@@ -136,16 +140,16 @@ def mended(group, lidar):
 def test_slopes_by_the_numbers_are_those_of_the_residuals():
     """Over a step of 1 % of their σ, for every Hypothesis that can be estimated."""
     made = setup(0, MIXED[5:9])
-    found = tuple(h.instead or h for h in hypotheses.all_of(made) if h.mended)
+    found = tuple(h.instead or h for h in correction_catalog.all_of(made) if h.mended)
     assert {h.name for h in found} == {"beams", "range_bias", "beam_width", "apart"}
     made = replace(made, corrections=found)
-    state = chain.start(made, synthetic.TRUE, 1.0)
-    assigned = estimation.assign_all(made, state)
-    slopes = estimation.slopes(made, state, assigned)
+    state = estimate_state.start(made, synthetic.TRUE, 1.0)
+    assigned = solver.assign_all(made, state)
+    slopes = solver.slopes(made, state, assigned)
     for i, sigma in enumerate(made.theta_sigma):
         theta = np.zeros_like(made.theta_sigma)
         theta[i] = 0.01 * sigma
-        moved = estimation.assign_all(made, replace(state, theta=theta))
+        moved = solver.assign_all(made, replace(state, theta=theta))
         for g, before, after, slope in zip(made.groups, assigned, moved, slopes, strict=True):
             member = (before.feature >= 0) & (after.feature == before.feature)
             rise = (after.standard - before.standard).T[:, member] / 0.01
@@ -157,14 +161,14 @@ def test_slopes_by_the_numbers_are_those_of_the_residuals():
 def test_residuals_of_the_kernels_are_those_of_the_assignment_with_everything_estimated():
     made = setup(0, MIXED[5:9])
     made = replace(
-        made, corrections=tuple(h.instead or h for h in hypotheses.all_of(made) if h.mended)
+        made, corrections=tuple(h.instead or h for h in correction_catalog.all_of(made) if h.mended)
     )
-    state = chain.start(made, synthetic.TRUE, 1.0)
+    state = estimate_state.start(made, synthetic.TRUE, 1.0)
     state = replace(state, theta=0.3 * made.theta_sigma)
-    assigned = estimation.assign_all(made, state)
-    given = *chain.unknowns(made, state), chain.chains(made, state), assigned
-    slopes = estimation.slopes(made, state, assigned)
-    parts = estimation.build(made).parts(*given, slopes, estimation.errors(made, state))
+    assigned = solver.assign_all(made, state)
+    given = *pose_chain.unknowns(made, state), pose_chain.chains(made, state), assigned
+    slopes = solver.slopes(made, state, assigned)
+    parts = solver.build(made).parts(*given, slopes, solver.errors(made, state))
     for a, part in zip(assigned, parts, strict=True):
         member = a.feature >= 0
         np.testing.assert_allclose(part.r[:, member], a.standard.T[:, member], atol=1e-6)
@@ -176,7 +180,7 @@ def test_residuals_of_the_kernels_are_those_of_the_assignment_with_everything_es
 def torn(yaw, seed=0):
     """A Setup in which outlines see the lidar turned about its z by an angle, rad."""
     made = setup(seed, MIXED)
-    back = geometry.so3_exp([0.0, 0.0, -yaw])
+    back = se3.so3_exp([0.0, 0.0, -yaw])
 
     def turned(group):
         return replace(group, keypoints=group.keypoints | {"xyz": group.keypoints["xyz"] @ back.T})
@@ -186,9 +190,9 @@ def torn(yaw, seed=0):
 
 def test_where_returns_and_outlines_disagree_the_returns_are_believed():
     """By 10 mrad of yaw, of which the lidar's own is found to 3 of its σ."""
-    made, result, _ = refinement.estimate(torn(0.01), START, AUTO, **LIMITS)
+    made, result, _ = model_selection.estimate(torn(0.01), START, AUTO, **LIMITS)
     assert [h.name for h in made.corrections] == ["apart"]
-    (told,) = refinement.corrections(made, result, "lidar")
+    (told,) = model_selection.corrections(made, result, "lidar")
     assert told["estimate"][5] == pytest.approx(0.01, abs=3 * told["sigma"][5])
     assert "put it elsewhere than its returns do" in told["text"]
     off = error(result, "lidar")
@@ -198,9 +202,9 @@ def test_where_returns_and_outlines_disagree_the_returns_are_believed():
 
 def test_a_disagreement_costs_the_outlines_their_say_and_shows_in_the_sigma():
     """σ as good as without outlines at all: within 15 % of it, per axis."""
-    made, result, _ = refinement.estimate(torn(0.01), START, AUTO, **LIMITS)
+    made, result, _ = model_selection.estimate(torn(0.01), START, AUTO, **LIMITS)
     bare = replace(made, groups=[g for g in made.groups if g.kind != "edge"], corrections=())
-    returns = estimation.estimate(bare, START, **LIMITS)
+    returns = solver.estimate(bare, START, **LIMITS)
     ratio = np.diag(spread(result, made, "lidar")) / np.diag(spread(returns, bare, "lidar"))
     assert (np.sqrt(ratio) > 0.85).all() and (np.sqrt(ratio) < 1.02).all()
 
@@ -209,7 +213,7 @@ def test_a_disagreement_costs_the_outlines_their_say_and_shows_in_the_sigma():
 
 
 def test_ranges_are_mended_by_the_bias_of_all_and_the_offset_of_their_ring():
-    lidar = rig.Lidar(
+    lidar = lidar_model.Lidar(
         0.003, 0.03, None, None, (0.3, 100), 0.01, range_bias=0.1, range_offsets=(0.0, -0.3)
     )
     xyz = np.array([[2.0, 0, 0], [0, 2.0, 0], [0, 0, 2.0], [2.0, 0, 0]])

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from calib import config, findings, geometry, rig, verdict
-from calib.report import (
-    residuals,
-    summary,
-)
+from calib.geometry import se3
+from calib.io import config, pose_block
+from calib.report.sections import residual_tables, verdict_summary
+from calib.verdict import findings, rig_verdict
 from reporting import HELD_OUT, LIMITS, SIGMA, section, sensor_result, words
 
 
@@ -19,13 +18,13 @@ def test_estimated_unknowns_are_told(files, undrawn):
     wander = {"time_offset_s": {"value": 0.026, "sigma": 0.0003}, "drift_ppm": drift}
     files.calibration["sensors"]["left"]["time_wander"] = {"s1": wander}
     files.calibration["targets"]["board"] = {
-        "T_body_target": rig.pose_json(geometry.from_rpy([0.006, 0, 0], [0, 0, np.radians(1)])),
+        "T_body_target": pose_block.pose_json(se3.from_rpy([0.006, 0, 0], [0, 0, np.radians(1)])),
         "covariance": np.diag(SIGMA**2).tolist(),
         "shift": [0.006, 0, 0, 0, 0, np.radians(1)],
         "prior": (SIGMA * [2, 4, 4, 4, 4, 1.05]).tolist(),
         "open": ["its turn about z"],
     }
-    T = rig.pose_json(geometry.from_rpy([0.03, 0, 0], [0, 0, 0]))
+    T = pose_block.pose_json(se3.from_rpy([0.03, 0, 0], [0, 0, 0]))
     markers = {"T_robot_markers": T, "covariance": np.diag(SIGMA**2).tolist()}
     files.calibration["sessions"]["s1"] = markers
     said = words(files.render())
@@ -66,11 +65,11 @@ def test_levels_agree_with_the_judge():
         sensor = sensor_result("top") | {"covariance": (np.eye(6) * sigma**2).tolist()} | told
         sensor |= {"rejected": 0.3, "placements": 2, "held_out": HELD_OUT | {"ratio": 3.0}}
         cells = {
-            key: summary._level(value, limits, key, large)
-            for _, _, key, _, value, large in summary.checks(sensor)
+            key: verdict_summary._level(value, limits, key, large)
+            for _, _, key, _, value, large in verdict_summary.checks(sensor)
         }
-        found = verdict.of_sensor("top", sensor, limits)
-        found += verdict.of_sigma("top", sensor, limits, misfit=True)
+        found = rig_verdict.of_sensor("top", sensor, limits)
+        found += rig_verdict.of_sigma("top", sensor, limits, misfit=True)
         assert {k: v for k, v in cells.items() if v != "pass"} == {
             f["check"]: f["level"] for f in found
         }
@@ -80,7 +79,7 @@ def test_levels_agree_with_the_judge():
 def test_a_value_that_is_no_number_fails_for_judge_and_report_alike(large_is_bad):
     key = "sigma_m" if large_is_bad else "placements"
     assert findings.level(np.nan, LIMITS, key, large_is_bad) == "fail"
-    assert summary._level(np.nan, LIMITS, key, large_is_bad) == "fail"
+    assert verdict_summary._level(np.nan, LIMITS, key, large_is_bad) == "fail"
 
 
 @pytest.mark.parametrize(
@@ -104,8 +103,8 @@ def test_every_kind_of_measurement_is_shown(files, undrawn, sensor, kind, signed
     files.calibration["noise"]["sensors"][sensor] = {kind: 0.01}
     page = files.render()
     assert f"Residuals of {sensor} {kind} over sigma" in page
-    assert f">{kind}<small>{residuals.MEANING[kind]}" in page
-    assert residuals.unit(kind)[0] == unit
+    assert f">{kind}<small>{residual_tables.MEANING[kind]}" in page
+    assert residual_tables.unit(kind)[0] == unit
     assert ("which are never" in words(page) or "never negative" in words(page)) != signed
 
 

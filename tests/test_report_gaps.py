@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import report
-from calib import images, tables
-from calib.report import (
-    overlays,
-    run,
-    text,
-)
-from calib.status import OK, InputError, failed
+from calib.io import parquet_tables, table_schemas
+from calib.io.status import OK, InputError, failed
+from calib.report import number_format
+from calib.report.data import load_run, run_data
+from calib.report.overlays import overlay_selection
+from calib.sensors.camera.images import image_messages
+from calib.views import view_payloads
 from reporting import NOT_FOUND, SENSORS, UNSEEN, section, without_pose, words
 
 FINDING = {
@@ -40,7 +40,7 @@ def test_sensor_without_a_pose_says_what_to_do_and_shows_no_guess(files, undrawn
         assert part in said
     assert "left: no view &lt;of&gt; a target" in page
     guess = files.guesses["s1", "left"]["T_robot_sensor"]["xyz_m"]
-    assert text.fixed(1e3 * guess[0], 1) not in said
+    assert number_format.fixed(1e3 * guess[0], 1) not in said
     assert "No residual: nothing of this sensor reached the solve." in said
     # The other sensor keeps its numbers.
     assert "x, mm 226.0 200.0" in said
@@ -60,8 +60,12 @@ def test_nothing_at_all(files):
         }
         files.calibration["sensors"][name]["guess"]["T_robot_sensor"] = None
     files.calibration |= {"verdict": "fail", "reasons": ["nothing"]}
-    files.placements["s1"] = tables.empty(tables.PLACEMENTS), status, {"board": status}
-    files.iterations = tables.empty(tables.ITERATIONS)
+    files.placements["s1"] = (
+        parquet_tables.empty(table_schemas.PLACEMENTS),
+        status,
+        {"board": status},
+    )
+    files.iterations = parquet_tables.empty(table_schemas.ITERATIONS)
     nothing = {"status": status.to_dict(), "poses": 0}
     files.audits["s1"] |= {"bodies": {"mcs/robot": nothing}, "topics": {}}
     silent = {"status": status.to_dict(), "frame": "", "messages": 0, "rate_hz": 0.0}
@@ -77,7 +81,7 @@ def test_no_session_and_no_sensor(files, undrawn):
     files.options |= {"sessions": {}, "sensors": {}, "targets": {}}
     files.calibration |= {"sensors": {}, "joint_covariance": None, "targets": {}, "sessions": {}}
     files.calibration["noise"]["sensors"] = {}
-    files.residuals = tables.empty(tables.RESIDUALS)
+    files.residuals = parquet_tables.empty(table_schemas.RESIDUALS)
     assert "0 of 0 sensors" in words(files.render())
 
 
@@ -85,9 +89,9 @@ def test_views_without_a_find_are_shown_and_explained(files, undrawn):
     columns, _, outcomes = files.keypoints["s1", "left"]
     keep = np.asarray(columns["view"]) != 1
     outcomes = outcomes | {1: NOT_FOUND}
-    files.keypoints["s1", "left"] = tables.select(columns, keep), OK, outcomes
+    files.keypoints["s1", "left"] = parquet_tables.select(columns, keep), OK, outcomes
     gone = (files.residuals["sensor"] == "left") & (files.residuals["view"] == 1)
-    files.residuals = tables.select(files.residuals, ~gone)
+    files.residuals = parquet_tables.select(files.residuals, ~gone)
     said = words(files.render())
     assert "not found: 1 no checkerboard in the region" in said
     assert "s1, view 1: board, placement 1; nothing found" in said
@@ -108,9 +112,9 @@ def test_sessions_may_use_different_sensors(files, undrawn):
         kept["s0"] = kept["s1"]
     for kept in (files.guesses, files.views, files.keypoints):
         kept["s0", "top"] = kept["s1", "top"]
-    rows = tables.select(files.residuals, files.residuals["sensor"] == "top")
+    rows = parquet_tables.select(files.residuals, files.residuals["sensor"] == "top")
     rows["session"] = np.full(len(rows["view"]), "s0")
-    files.residuals = tables.concatenate([files.residuals, rows], tables.RESIDUALS)
+    files.residuals = parquet_tables.concatenate([files.residuals, rows], table_schemas.RESIDUALS)
     page = files.render()
     assert "A line parts the sessions" in page
     assert "Session s0" in page
@@ -153,12 +157,12 @@ def test_table_of_another_sensor_kind_is_refused(files):
 def test_payloads_reads_only_what_is_wanted(files):
     files.write()
     path = files.folder / "s1-left-views.parquet"
-    rows = run.payloads(path, [1])
+    rows = view_payloads.payloads(path, [1])
     assert list(rows) == [1]
-    assert images.from_png(rows[1]["png"]).shape == (240, 320, 3)
-    columns, status, _ = tables.read(path, tables.VIEWS_CAMERA, run.LIGHT)
+    assert image_messages.from_png(rows[1]["png"]).shape == (240, 320, 3)
+    columns, status, _ = parquet_tables.read(path, table_schemas.VIEWS_CAMERA, run_data.LIGHT)
     assert status.ok
-    assert set(columns) == set(run.LIGHT)
+    assert set(columns) == set(run_data.LIGHT)
 
 
 def test_worst_views_come_first_and_every_target_is_among_them(files):
@@ -167,5 +171,5 @@ def test_worst_views_come_first_and_every_target_is_among_them(files):
     least = (files.residuals["sensor"] == "top") & (files.residuals["placement"] == 2)
     files.residuals["value"][least] *= 0.1
     args = report.arguments(files.write())
-    chosen = overlays.choose(report.read_run(args), "top", 2)
+    chosen = overlay_selection.choose(load_run.read_run(args), "top", 2)
     assert [view for _, view, _ in chosen] == [1, 2]

@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 import report
-from calib.report import (
-    plots,
-    text,
-)
+from calib.report import number_format
+from calib.report.figures import svg_plots
 from reporting import own, words
 
 
@@ -79,7 +77,7 @@ def test_follows_light_and_dark(page):
     # No figure has a colour of the light page of its own.
     drawn = "".join(re.findall("<svg.*?</svg>", page, flags=re.S))
     assert "var(--ink)" in drawn
-    assert not re.search("|".join(plots.THEME), drawn)
+    assert not re.search("|".join(svg_plots.THEME), drawn)
 
 
 def test_same_inputs_same_bytes(printed, files):
@@ -96,17 +94,17 @@ def test_every_figure_has_a_caption(page):
 
 def test_every_figure_is_an_xml_of_its_own_or_paper_would_leave_it_out(page):
     for svg in re.findall("<svg.*?</svg>", own(page), flags=re.S):
-        ElementTree.fromstring(plots.alone(svg))
+        ElementTree.fromstring(svg_plots.alone(svg))
 
 
 def test_a_figure_with_an_empty_group_is_well_formed():
     """Matplotlib writes <g/> for what lies outside of the axes."""
-    fig, ax = plots.figure()
+    fig, ax = svg_plots.figure()
     ax.broken_barh([], (0, 1))
     ax.plot([np.nan], [np.nan])
     ax.scatter([], [])
-    svg = plots.to_svg(fig, "empty", "Nothing")
-    assert ElementTree.fromstring(plots.alone(svg)).tag.endswith("svg")
+    svg = svg_plots.to_svg(fig, "empty", "Nothing")
+    assert ElementTree.fromstring(svg_plots.alone(svg)).tag.endswith("svg")
 
 
 def test_title(files, undrawn):
@@ -133,10 +131,10 @@ def test_figures_are_files_that_open_without_a_page(printed, name):
     [(1234.5, "1230"), (-0.0123456, "−0.0123"), (4.9e-6, "4.90e−6"), (None, "–"), (np.nan, "–")],
 )
 def test_numbers(x, shown):
-    assert text.number(x) == shown
+    assert number_format.number(x) == shown
 
 
 def test_fixed_has_no_negative_zero():
-    assert text.fixed(-0.001, 2) == "0.00"
-    assert [text.places(s) for s in (12.0, 0.15, 0.0021, 0.0)] == [0, 2, 4, 2]
-    assert [text.nice(x) for x in (1.0, 3.0, 70.0, 0.03)] == [1, 2, 50, 0.02]
+    assert number_format.fixed(-0.001, 2) == "0.00"
+    assert [number_format.places(s) for s in (12.0, 0.15, 0.0021, 0.0)] == [0, 2, 4, 2]
+    assert [number_format.nice(x) for x in (1.0, 3.0, 70.0, 0.03)] == [1, 2, 50, 0.02]

@@ -6,26 +6,31 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from calib import arrays, expressions, geometry, kinds, problem, rig, targets
-from calib.cameras import Camera
-from calib.geometry import inverse, se3_exp
-from calib.kinds.assignment import Assignment, Noise, loss_weight
-from calib.parts import Part, information
-from calib.problem import Block, Poses, Problem
+from calib.estimation.nlp import casadi_vectorized, symbolic_chain
+from calib.estimation.nlp.joint_nlp import Block, Poses, Problem
+from calib.estimation.nlp.measurement_factor import Part, information
+from calib.estimation.residuals import residual_registry, robust_loss
+from calib.estimation.residuals.assignment import Assignment, Noise
+from calib.estimation.residuals.robust_loss import loss_weight
+from calib.geometry import se3
+from calib.geometry.se3 import inverse, se3_exp
+from calib.sensors.camera.camera_model import Camera
+from calib.sensors.lidar import lidar_model
+from calib.targets import target_shapes
 from shared import shared_data
 
 CAMERA = Camera("radtan", (800, 810, 640, 480, -0.2, 0.05, 0.001, -0.002), (1280, 960))
 PINHOLE = Camera("radtan", (800, 810, 640, 480, 0, 0, 0, 0), (1280, 960))
-BOARD = targets.from_config(
+BOARD = target_shapes.from_config(
     {"shape": "board", "outline_m": [[0, 0], [1, 0], [1, 1], [0, 1]], "thickness_m": 0.01}
 )
-CYLINDER = targets.from_config({"shape": "cylinder", "length_m": 0.8, "radius_m": 0.1})
-LIDAR = rig.Lidar(np.radians(0.2), np.radians(2.0), None, None, (0.3, 100.0), 0.01)
-EDGE_RESIDUAL = kinds.KINDS["edge"].residual(LIDAR, BOARD)
+CYLINDER = target_shapes.from_config({"shape": "cylinder", "length_m": 0.8, "radius_m": 0.1})
+LIDAR = lidar_model.Lidar(np.radians(0.2), np.radians(2.0), None, None, (0.3, 100.0), 0.01)
+EDGE_RESIDUAL = residual_registry.KINDS["edge"].residual(LIDAR, BOARD)
 
 # A target that faces the sensor 2 m ahead: x right, y up, z towards a camera that looks along z.
-T_CAMERA_TARGET = geometry.pose(np.diag([1.0, -1, -1]), [0.2, -0.1, 2.0])
-T_LIDAR_TARGET = geometry.pose(geometry.so3_exp([0, -np.pi / 2, 0]), [2.0, 0.3, -0.1])
+T_CAMERA_TARGET = se3.pose(np.diag([1.0, -1, -1]), [0.2, -0.1, 2.0])
+T_LIDAR_TARGET = se3.pose(se3.so3_exp([0, -np.pi / 2, 0]), [2.0, 0.3, -0.1])
 SKEWED = se3_exp(np.array([0.2, -0.3, 2.5, 0.3, -0.5, 0.8]))
 
 
@@ -42,14 +47,14 @@ ALIKE = (1.0, 0.0, 1.0)  # σ of u and v are
 
 def test_a_corner_where_it_projects_has_no_residual():
     corner = np.array([0.12, -0.08, 0.0])
-    (u, v), _ = CAMERA.project(geometry.transform(SKEWED, corner))[0].reshape(2), None
-    residual = kinds.KINDS["corner"].residual(CAMERA, BOARD)
+    (u, v), _ = CAMERA.project(se3.transform(SKEWED, corner))[0].reshape(2), None
+    residual = residual_registry.KINDS["corner"].residual(CAMERA, BOARD)
     assert value(residual, SKEWED, u, v, *corner, *ALIKE, 5.0) == pytest.approx([0, 0], abs=1e-10)
 
 
 def test_a_corner_seen_right_of_and_below_its_place_has_a_positive_residual_in_sigmas():
     """The corner is at (0.3, -0.3, 2) m, camera: u = 640 + 800 · 0.15, v = 480 - 810 · 0.15."""
-    residual = kinds.KINDS["corner"].residual(PINHOLE, BOARD)
+    residual = residual_registry.KINDS["corner"].residual(PINHOLE, BOARD)
     numbers = (760 + 3, 358.5 - 4, 0.1, 0.2, 0.0, *ALIKE)
     assert value(residual, T_CAMERA_TARGET, *numbers, 1.0) == pytest.approx([3, -4], abs=1e-10)
     assert value(residual, T_CAMERA_TARGET, *numbers, 1 / 0.02) == pytest.approx(
@@ -59,8 +64,8 @@ def test_a_corner_seen_right_of_and_below_its_place_has_a_positive_residual_in_s
 
 def test_a_target_moved_to_the_right_pulls_the_corner_residual_to_the_left():
     """1 cm at 2 m is 4 px."""
-    residual = kinds.KINDS["corner"].residual(PINHOLE, BOARD)
-    moved = geometry.pose(t=[0.01, 0, 0]) @ T_CAMERA_TARGET
+    residual = residual_registry.KINDS["corner"].residual(PINHOLE, BOARD)
+    moved = se3.pose(t=[0.01, 0, 0]) @ T_CAMERA_TARGET
     assert value(residual, moved, 760, 358.5, 0.1, 0.2, 0, *ALIKE, 1.0) == pytest.approx(
         [-4, 0], abs=1e-10
     )
@@ -72,7 +77,7 @@ def test_a_corner_known_better_across_than_along_is_off_by_its_own_sigmas():
     covariance = axes @ np.diag([0.01**2, 0.03**2]) @ axes.T
     sigma = np.sqrt(np.trace(covariance) / 2)
     upper = sigma * np.linalg.cholesky(np.linalg.inv(covariance)).T
-    residual = kinds.KINDS["corner"].residual(PINHOLE, BOARD)
+    residual = residual_registry.KINDS["corner"].residual(PINHOLE, BOARD)
     whiten = (upper[0, 0], upper[0, 1], upper[1, 1])
     for axis, sigmas in ((axes[:, 0], 1 / 0.01), (axes[:, 1], 1 / 0.03)):
         u, v = 760 + 0.05 * axis[0], 358.5 + 0.05 * axis[1]
@@ -84,15 +89,15 @@ def test_a_corner_known_better_across_than_along_is_off_by_its_own_sigmas():
 
 
 def test_a_return_on_the_face_of_a_board_has_no_residual():
-    p = geometry.transform(T_LIDAR_TARGET, [0.3, 0.4, 0.0])
-    residual = kinds.KINDS["surface"].residual(LIDAR, BOARD)
+    p = se3.transform(T_LIDAR_TARGET, [0.3, 0.4, 0.0])
+    residual = residual_registry.KINDS["surface"].residual(LIDAR, BOARD)
     assert value(residual, T_LIDAR_TARGET, *p, 100.0) == pytest.approx([0], abs=1e-12)
 
 
 def test_a_return_before_the_face_of_a_board_has_a_positive_residual_in_sigmas():
     """The board faces the lidar; a return 3 cm short of it lies on its positive side."""
-    p = geometry.transform(T_LIDAR_TARGET, [0.3, 0.4, 0.0])
-    residual = kinds.KINDS["surface"].residual(LIDAR, BOARD)
+    p = se3.transform(T_LIDAR_TARGET, [0.3, 0.4, 0.0])
+    residual = residual_registry.KINDS["surface"].residual(LIDAR, BOARD)
     assert p[0] == pytest.approx(2.0) and T_LIDAR_TARGET[:3, 2] == pytest.approx([-1, 0, 0])
     short, long = (p * (1 + d / np.linalg.norm(p)) for d in (-0.03, 0.03))
     assert value(residual, T_LIDAR_TARGET, *short, 1.0) == pytest.approx([0.03], rel=1e-7)
@@ -100,9 +105,9 @@ def test_a_return_before_the_face_of_a_board_has_a_positive_residual_in_sigmas()
 
 
 def test_a_board_moved_away_leaves_its_returns_on_its_positive_side():
-    p = geometry.transform(T_LIDAR_TARGET, [0.3, 0.4, 0.0])
-    away = geometry.pose(t=[0.05, 0, 0]) @ T_LIDAR_TARGET
-    residual = kinds.KINDS["surface"].residual(LIDAR, BOARD)
+    p = se3.transform(T_LIDAR_TARGET, [0.3, 0.4, 0.0])
+    away = se3.pose(t=[0.05, 0, 0]) @ T_LIDAR_TARGET
+    residual = residual_registry.KINDS["surface"].residual(LIDAR, BOARD)
     cosine = p[0] / np.linalg.norm(p)
     assert value(residual, away, *p, 1.0) == pytest.approx([0.05 / cosine], rel=1e-7)
 
@@ -110,11 +115,11 @@ def test_a_board_moved_away_leaves_its_returns_on_its_positive_side():
 @pytest.mark.parametrize("late", [0, 0.02, -0.02])
 def test_a_return_late_by_some_centimetres_is_off_by_them_whatever_the_incidence(late):
     q = np.array([0.3, 0.06, -0.08])  # on the side that SKEWED turns towards the lidar or away
-    q *= np.where(geometry.inverse(SKEWED)[:3, 3] @ (q * [0, 1, 1]) > 0, 1, [1, -1, -1])
-    p = geometry.transform(SKEWED, q)
+    q *= np.where(se3.inverse(SKEWED)[:3, 3] @ (q * [0, 1, 1]) > 0, 1, [1, -1, -1])
+    p = se3.transform(SKEWED, q)
     beam = p / np.linalg.norm(p)
     cosine = -(SKEWED[:3, :3] @ (q * [0, 10, 10])) @ beam
-    residual = kinds.KINDS["surface"].residual(LIDAR, CYLINDER)
+    residual = residual_registry.KINDS["surface"].residual(LIDAR, CYLINDER)
     found = value(residual, SKEWED, *(p + late * beam), 50.0)
     assert cosine > 0.3
     assert found == pytest.approx([-50 * late], rel=0.01, abs=1e-9)
@@ -126,15 +131,17 @@ def test_a_return_late_by_some_centimetres_is_off_by_them_whatever_the_incidence
 @pytest.mark.parametrize("late", [0, 0.02, -0.02])
 def test_a_return_on_an_end_late_by_some_centimetres_is_off_by_them(late):
     """The end at -x faces a lidar 2 m before it, 0.3 m beside the axis."""
-    T = geometry.pose(t=[2.4, 0.3, 0.0])
-    beam = geometry.transform(T, [-0.4, 0.02, 0.05])
+    T = se3.pose(t=[2.4, 0.3, 0.0])
+    beam = se3.transform(T, [-0.4, 0.02, 0.05])
     beam /= np.linalg.norm(beam)
-    p = geometry.transform(T, [-0.4, 0.02, 0.05]) + late * beam
-    residual = kinds.KINDS["cap"].residual(LIDAR, CYLINDER)
+    p = se3.transform(T, [-0.4, 0.02, 0.05]) + late * beam
+    residual = residual_registry.KINDS["cap"].residual(LIDAR, CYLINDER)
     assert value(residual, T, *p, -1, 50.0) == pytest.approx([-50 * late], rel=1e-6, abs=1e-7)
     keypoints = {"xyz": p[None], "sigma": np.full(1, 0.02), "index": [0]}
     options = {"gate_sigma": 6.0, "edge_margin_m": 0.02, "min_cosine": 0.3}
-    found = kinds.KINDS["cap"].assign(LIDAR, CYLINDER, T, keypoints, options, Noise(1.0, 0.0))
+    found = residual_registry.KINDS["cap"].assign(
+        LIDAR, CYLINDER, T, keypoints, options, Noise(1.0, 0.0)
+    )
     assert found.feature[0] == 0 and found.value[0] == pytest.approx([-late], abs=1e-8)
     assert found.cosine[0] == pytest.approx(beam[0])
 
@@ -143,11 +150,13 @@ def test_a_return_on_an_end_late_by_some_centimetres_is_off_by_them(late):
     "q", [[-0.4, 0.09, 0.0], [-0.4, 0.2, 0.0], [-0.1, 0.0, 0.1], [0.4, 0.0, 0.05]]
 )
 def test_a_return_at_the_rim_on_the_side_or_behind_is_on_no_end(q):
-    T = geometry.pose(t=[2.4, 0.3, 0.0])
-    keypoints = {"xyz": geometry.transform(T, q)[None], "sigma": np.full(1, 0.01)}
+    T = se3.pose(t=[2.4, 0.3, 0.0])
+    keypoints = {"xyz": se3.transform(T, q)[None], "sigma": np.full(1, 0.01)}
     keypoints["index"] = [0]
     options = {"gate_sigma": 6.0, "edge_margin_m": 0.02, "min_cosine": 0.3}
-    found = kinds.KINDS["cap"].assign(LIDAR, CYLINDER, T, keypoints, options, Noise(1.0, 0.0))
+    found = residual_registry.KINDS["cap"].assign(
+        LIDAR, CYLINDER, T, keypoints, options, Noise(1.0, 0.0)
+    )
     assert found.feature[0] == -1
 
 
@@ -157,14 +166,14 @@ EDGE = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0)  # from a to b, target frame: along x
 
 
 def test_a_ray_through_an_edge_has_no_residual():
-    ray = geometry.transform(SKEWED, [0.7, 0, 0])
+    ray = se3.transform(SKEWED, [0.7, 0, 0])
     ray /= np.linalg.norm(ray)
     assert value(EDGE_RESIDUAL, SKEWED, *ray, *EDGE, 0.0, 9.0) == pytest.approx([0], abs=1e-14)
 
 
 def test_a_ray_past_an_edge_is_off_by_its_angle_signed_by_the_side_in_sigmas():
     """The edge from (0, 0, 2) to (1, 0, 2): the normal of its plane with the lidar is (0, 2, 0)."""
-    T = geometry.pose(t=[0, 0, 2.0])
+    T = se3.pose(t=[0, 0, 2.0])
     angle = 0.01
     ray = np.array([0, np.sin(angle), np.cos(angle)])
     sine = np.sin(angle)
@@ -180,7 +189,7 @@ def test_a_ray_past_an_edge_is_off_by_its_angle_signed_by_the_side_in_sigmas():
 
 def test_the_residual_of_an_edge_does_not_depend_on_how_far_along_it_or_away_it_is():
     for scale, shift in ((1, 0.0), (3, 0.0), (1, 0.4)):
-        T = geometry.pose(t=[shift, 0, 2.0 * scale])
+        T = se3.pose(t=[shift, 0, 2.0 * scale])
         ray = np.array([0, np.sin(0.01), np.cos(0.01)])
         assert value(EDGE_RESIDUAL, T, *ray, *EDGE, 0.0, 1.0) == pytest.approx([np.sin(0.01)])
 
@@ -203,7 +212,7 @@ def limb_ray(T, along, side):
 @pytest.mark.parametrize("side", [-1, 1])
 @pytest.mark.parametrize("along", [-0.3, 0.0, 0.2])
 def test_a_ray_that_touches_the_cylinder_has_no_residual_on_its_own_side_only(side, along):
-    residual = kinds.KINDS["limb"].residual(CAMERA, CYLINDER)
+    residual = residual_registry.KINDS["limb"].residual(CAMERA, CYLINDER)
     ray = limb_ray(SKEWED, along, side)
     found = {s: value(residual, SKEWED, *ray, s, 1.0, 1.0)[0] for s in (-1, 1)}
     assert min(np.abs(list(found.values()))) == pytest.approx(0, abs=1e-12)
@@ -212,17 +221,17 @@ def test_a_ray_that_touches_the_cylinder_has_no_residual_on_its_own_side_only(si
 
 def test_a_limb_seen_a_pixel_outside_its_place_has_a_residual_of_a_pixel():
     """Axis along y, 2 m ahead: the limb is where the tangent is, and a pixel 1/800 there."""
-    T = geometry.pose(np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]), [0, 0, 2.0])
+    T = se3.pose(np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]), [0, 0, 2.0])
     uv = np.array([[640 + 800 * np.tan(np.arcsin(0.05)), 480.0]])
     columns = {"uv": uv + [1, 0], "sigma": np.ones(1)}
     for side in (-1, 1):
         keypoints = columns | {"index": np.array([side])}
         options = {"gate_sigma": 6.0, "edge_margin_m": 0.02}
-        found = kinds.KINDS["limb"].assign(
+        found = residual_registry.KINDS["limb"].assign(
             PINHOLE, CYLINDER, T, keypoints, options, Noise(1.0, 0.0)
         )
         if found.feature[0] >= 0:
-            residual = kinds.KINDS["limb"].residual(PINHOLE, CYLINDER)
+            residual = residual_registry.KINDS["limb"].residual(PINHOLE, CYLINDER)
             assert found.value[0, 0] == pytest.approx(1.0, abs=0.01)
             assert value(residual, T, *found.data[:, 0]) == pytest.approx(found.value[0])
             break
@@ -234,21 +243,33 @@ def test_a_limb_seen_a_pixel_outside_its_place_has_a_residual_of_a_pixel():
 
 KINDS = {
     "corner": (
-        kinds.KINDS["corner"].residual(CAMERA, BOARD),
+        residual_registry.KINDS["corner"].residual(CAMERA, BOARD),
         (700, 400, 0.1, 0.2, 0.0, 0.9, 0.1, 1.1, 2.0),
     ),
-    "surface of a board": (kinds.KINDS["surface"].residual(LIDAR, BOARD), (0.3, -0.2, 2.4, 30.0)),
-    "surface of a cylinder": (
-        kinds.KINDS["surface"].residual(LIDAR, CYLINDER),
+    "surface of a board": (
+        residual_registry.KINDS["surface"].residual(LIDAR, BOARD),
         (0.3, -0.2, 2.4, 30.0),
     ),
-    "cap": (kinds.KINDS["cap"].residual(LIDAR, CYLINDER), (0.3, -0.2, 2.4, 1, 30.0)),
+    "surface of a cylinder": (
+        residual_registry.KINDS["surface"].residual(LIDAR, CYLINDER),
+        (0.3, -0.2, 2.4, 30.0),
+    ),
+    "cap": (residual_registry.KINDS["cap"].residual(LIDAR, CYLINDER), (0.3, -0.2, 2.4, 1, 30.0)),
     "edge": (EDGE_RESIDUAL, (0.0, 0.1, 0.99, 0, 0, 0, 1, 0, 0, 0.002, 40.0)),
-    "limb": (kinds.KINDS["limb"].residual(CAMERA, CYLINDER), (0.1, 0.2, 0.97, -1, 300.0, 5.0)),
-    "point": (kinds.KINDS["point"].residual(LIDAR, BOARD), (0.3, -0.2, 2.4, 0.1, 0.2, 0, 30.0)),
-    "vertex": (kinds.KINDS["vertex"].residual(LIDAR, BOARD), (0.3, -0.2, 2.4, 0.1, 0.2, 0, 30.0)),
+    "limb": (
+        residual_registry.KINDS["limb"].residual(CAMERA, CYLINDER),
+        (0.1, 0.2, 0.97, -1, 300.0, 5.0),
+    ),
+    "point": (
+        residual_registry.KINDS["point"].residual(LIDAR, BOARD),
+        (0.3, -0.2, 2.4, 0.1, 0.2, 0, 30.0),
+    ),
+    "vertex": (
+        residual_registry.KINDS["vertex"].residual(LIDAR, BOARD),
+        (0.3, -0.2, 2.4, 0.1, 0.2, 0, 30.0),
+    ),
     "silhouette": (
-        kinds.KINDS["silhouette"].residual(CAMERA, CYLINDER),
+        residual_registry.KINDS["silhouette"].residual(CAMERA, CYLINDER),
         (700, 400, 0.1, 0.2, 0.0, 1, 0, 1, 2.0),
     ),
 }
@@ -256,9 +277,9 @@ every_kind = pytest.mark.parametrize("residual, numbers", KINDS.values(), ids=KI
 
 
 def test_every_kind_has_its_numbers_named():
-    assert set(kinds.KINDS) == {name.split()[0] for name in KINDS}
+    assert set(residual_registry.KINDS) == {name.split()[0] for name in KINDS}
     for name, (made, numbers) in KINDS.items():
-        names = kinds.KINDS[name.split()[0]].DATA
+        names = residual_registry.KINDS[name.split()[0]].DATA
         assert len(names) == len(numbers)
         assert names[-1] == "weight"
         assert np.isfinite(value(made, SKEWED, *numbers)).all()
@@ -273,10 +294,10 @@ def test_no_weight_takes_a_measurement_out(residual, numbers):
 
 def kernel_values(residual, numbers, gate, T):
     """Cost, gradient and information with the loss ending at gate, σ."""
-    kernel = expressions.kernel(residual, len(numbers))
+    kernel = symbolic_chain.kernel(residual, len(numbers))
     r, J = (np.array(out) for out in kernel(ca.DM(T[:3]), ca.DM(numbers)))
     size = np.linalg.norm(r, axis=0)
-    cost = problem.cost(size, np.ones(1), gate)
+    cost = robust_loss.cost(size, np.ones(1), gate)
     weight, none = loss_weight(size, gate), np.zeros((0, *r.shape))
     part = Part(T, r, J[:, :, None], none, weight, cost, np.arange(6), np.eye(6))
     return {"cost": cost, "gradient": part.gradient, "information": part.information}
@@ -335,9 +356,9 @@ def test_one_weight_of_the_loss_is_in_gradient_and_information(residual, numbers
 
 @every_kind
 def test_a_kernel_over_arrays_is_the_kernel_of_each(residual, numbers):
-    kernel = expressions.kernel(residual, len(numbers))
+    kernel = symbolic_chain.kernel(residual, len(numbers))
     many = np.array(numbers)[:, None] * np.array([1.0, 1.01, 0.97])
-    r, J = arrays.over_arrays(kernel)(SKEWED[:3].T.reshape(-1), many)
+    r, J = casadi_vectorized.over_arrays(kernel)(SKEWED[:3].T.reshape(-1), many)
     for i in range(3):
         one = [np.array(o).T.reshape(-1) for o in kernel(ca.DM(SKEWED[:3]), ca.DM(many[:, i]))]
         for found, expected in zip((r, J), one, strict=True):
@@ -348,7 +369,7 @@ def test_a_kernel_over_arrays_is_the_kernel_of_each(residual, numbers):
 def test_an_instruction_without_a_numpy_function_is_refused_by_its_number():
     x = ca.SX.sym("x")
     with pytest.raises(ValueError, match="has no NumPy function"):
-        arrays.over_arrays(ca.Function("f", [x], [ca.erf(x)]))
+        casadi_vectorized.over_arrays(ca.Function("f", [x], [ca.erf(x)]))
 
 
 # --- equation 1: the chain of poses
@@ -374,18 +395,17 @@ def chained(x):
     "x", [np.zeros(24), *np.diag(X), X], ids=lambda x: f"{np.count_nonzero(x)}"
 )
 def test_the_chain_is_that_of_the_poses_with_all_four_corrected(x):
-    found = np.array(expressions.chain()(x, SIGMA, *POSES))
+    found = np.array(symbolic_chain.chain()(x, SIGMA, *POSES))
     assert found == pytest.approx(chained(x)[:3], abs=1e-14)
 
 
 @pytest.mark.parametrize("x", [np.zeros(24), X], ids=["at zero", "elsewhere"])
 def test_the_chains_derivative_is_that_of_finite_differences_by_the_right_perturbation(x):
     T, h = chained(x), 1e-5
-    _, slopes = expressions.condensed()
+    _, slopes = symbolic_chain.condensed()
     found = np.array(slopes(x, SIGMA, *POSES, T[:3], np.zeros(6), np.zeros((6, 6)))[2])
     moves = [
-        geometry.se3_log(inverse(T) @ chained(x + s))
-        - geometry.se3_log(inverse(T) @ chained(x - s))
+        se3.se3_log(inverse(T) @ chained(x + s)) - se3.se3_log(inverse(T) @ chained(x - s))
         for s in h * np.eye(24)
     ]
     expected = np.column_stack(moves) / (2 * h)
@@ -396,7 +416,7 @@ def test_the_chains_derivative_is_that_of_finite_differences_by_the_right_pertur
 def test_the_condensed_cost_has_its_own_slope_and_the_gauss_newton_hessian():
     rng, h = np.random.default_rng(1), 1e-6
     g, H = rng.normal(size=6), np.diag(rng.uniform(1, 2, 6))
-    cost, slopes = expressions.condensed()
+    cost, slopes = symbolic_chain.condensed()
     given = SIGMA, *POSES, chained(np.zeros(24))[:3], g, H
     gradient, hessian, B, eta = (np.array(o) for o in slopes(X, *given))
     found = [float(cost(X + s, *given) - cost(X - s, *given)) / (2 * h) for s in h * np.eye(24)]
@@ -431,7 +451,7 @@ def corners_of(points, pixels, T_sensor_target, camera):
         trust=np.ones(n),
         cell=np.arange(n),
         own=np.ones(n),
-        value=pixels - camera.project(geometry.transform(T_sensor_target, points))[0],
+        value=pixels - camera.project(se3.transform(T_sensor_target, points))[0],
         range=np.ones(n),
         cosine=np.ones(n),
         numbers=np.column_stack([pixels, points, np.tile(ALIKE, (n, 1))]),
@@ -480,7 +500,7 @@ def seen_from(points, pixels, camera):
     fx, fy, cx, cy = camera.params[:4]
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     _, w, t = cv2.solvePnP(points, pixels, K, None, flags=cv2.SOLVEPNP_SQPNP)
-    return geometry.pose(cv2.Rodrigues(w)[0], t[:, 0])
+    return se3.pose(cv2.Rodrigues(w)[0], t[:, 0])
 
 
 @pytest.mark.parametrize("off", [np.zeros(6), np.array([0.1, -0.1, 0.2, 0.1, -0.15, 0.1])])
@@ -490,7 +510,7 @@ def test_the_optimum_of_rob101_is_12_11_square_pixels(off):
     T, _, cost, _, success = solved(points, [pixels], camera, start)
     assert success
     assert 2 * cost == pytest.approx(12.11, abs=0.01)
-    uv, valid = camera.project(geometry.transform(inverse(T), points))
+    uv, valid = camera.project(se3.transform(inverse(T), points))
     assert valid.all()
     assert np.sum((uv - pixels) ** 2) == pytest.approx(2 * cost, rel=1e-6)
 
@@ -502,7 +522,7 @@ def test_the_information_of_rob101_is_that_of_finite_differences():
     h = 1e-6
 
     def uv(xi):
-        return camera.project(geometry.transform(inverse(T @ se3_exp(xi)), points))[0].reshape(-1)
+        return camera.project(se3.transform(inverse(T @ se3_exp(xi)), points))[0].reshape(-1)
 
     J = np.column_stack([(uv(h * e) - uv(-h * e)) / (2 * h) for e in np.eye(6)])
     assert information[:6, :6] == pytest.approx(J.T @ J, abs=1e-5 * np.abs(J.T @ J).max())
@@ -516,7 +536,7 @@ def made(seed=0, noise=0.0):
     rng = np.random.default_rng(seed)
     grid = np.stack(np.meshgrid(np.arange(6), np.arange(5)), -1).reshape(-1, 2) * 0.08
     points = np.column_stack([grid, np.zeros(30)])
-    pixels = PINHOLE.project(geometry.transform(SKEWED, points))[0]
+    pixels = PINHOLE.project(se3.transform(SKEWED, points))[0]
     return points, pixels + noise * rng.normal(size=(30, 2))
 
 
@@ -525,7 +545,7 @@ def test_the_truth_is_the_optimum_of_data_without_noise():
     start = inverse(SKEWED) @ se3_exp(np.array([0.03, -0.03, 0.03, 0.08, -0.08, 0.08]))
     T, _, cost, _, success = solved(points, [pixels], PINHOLE, start)
     assert success
-    assert np.abs(geometry.se3_log(SKEWED @ T)).max() < 1e-6  # 0.001 mm
+    assert np.abs(se3.se3_log(SKEWED @ T)).max() < 1e-6  # 0.001 mm
     assert cost < 1e-6
 
 
@@ -538,15 +558,15 @@ def test_a_prior_draws_the_sensor_towards_it_in_proportion_to_what_it_knows():
     found, _, _, both, _ = solved(points, [pixels], PINHOLE, T, prior=(mean, 1 / sigma))
     weight = np.diag(sigma**-2)
     expected = -np.linalg.solve(plain[:6, :6] + weight, weight @ mean)
-    assert geometry.se3_log(inverse(T) @ found) == pytest.approx(expected, abs=1e-8)
+    assert se3.se3_log(inverse(T) @ found) == pytest.approx(expected, abs=1e-8)
     assert both[:6, :6] == pytest.approx(plain[:6, :6] + weight, abs=1e-5 * both.max())
 
 
 def test_an_error_of_the_motion_capture_takes_its_share_of_the_residuals_by_its_sigma():
     """Two placements 1 cm apart by their pixels and not by the MCS: the MCS errors absorb it."""
     points, pixels = made()
-    moved = SKEWED @ geometry.pose(t=[0.01, 0, 0])
-    other = PINHOLE.project(geometry.transform(moved, points))[0]
+    moved = SKEWED @ se3.pose(t=[0.01, 0, 0])
+    other = PINHOLE.project(se3.transform(moved, points))[0]
     sigma = np.array([0.5] * 3 + [1e-9] * 3)
     _, errors, _, _, success = solved(points, [pixels, other], PINHOLE, inverse(SKEWED), sigma)
     assert success

@@ -6,8 +6,8 @@ import json
 import jsonschema
 import pytest
 
-from calib import config
-from calib.status import InputError
+from calib.io import config
+from calib.io.status import InputError
 
 OUTPUTS = ("calibration", "verdict")
 

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib import estimation, geometry, given, sessions
+from calib.diagnosis import session_repeatability
+from calib.estimation import estimation_problem, solver
+from calib.geometry import se3
 from synthetic import World, setup
 
 LAYOUT = [("board", None)] * 8
 LIMITS = {"max_rounds": 40, "tolerance_m": 1e-7, "tolerance_rad": 1e-7, "noise": 100.0}
-BUMP = geometry.se3_exp(np.array([0.004, 0.0, 0.003, 0.0, 0.01, 0.0]))
+BUMP = se3.se3_exp(np.array([0.004, 0.0, 0.003, 0.0, 0.01, 0.0]))
 
 
 def recorded(moved=(), seeds=(0, 1)):
@@ -27,13 +29,13 @@ def recorded(moved=(), seeds=(0, 1)):
     for session, made in parts:
         groups += [replace(g, placement=g.placement + len(places)) for g in made.groups]
         places += [replace(p, session=session) for p in made.placements]
-    return given.Setup(made.models, made.targets, places, groups, made.associate, {})
+    return estimation_problem.Setup(made.models, made.targets, places, groups, made.associate, {})
 
 
 def told(made):
-    start = {n: synthetic.TRUE[n] @ geometry.se3_exp(np.full(6, 0.003)) for n in made.models}
-    result = estimation.estimate(made, start, **LIMITS)
-    return sessions.repeatability(made, result, **LIMITS)
+    start = {n: synthetic.TRUE[n] @ se3.se3_exp(np.full(6, 0.003)) for n in made.models}
+    result = solver.estimate(made, start, **LIMITS)
+    return session_repeatability.repeatability(made, result, **LIMITS)
 
 
 def test_poses_of_sensors_that_stay_repeat_by_their_sigma():
@@ -53,7 +55,7 @@ def test_a_camera_that_was_bumped_between_sessions_is_told_from_a_lidar_that_was
     assert rows["morning", "camera"]["chance"] < 1e-12
     assert rows["morning", "lidar"]["chance"] > 1e-3
     shift, sigma = (np.array(rows["morning", "camera"][k]) for k in ("shift", "sigma"))
-    assert (np.abs(shift - geometry.se3_log(BUMP)) < 4 * sigma).all()
+    assert (np.abs(shift - se3.se3_log(BUMP)) < 4 * sigma).all()
     np.testing.assert_allclose(shift, -np.array(rows["evening", "camera"]["shift"]), atol=1e-9)
 
 

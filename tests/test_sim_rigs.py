@@ -8,12 +8,19 @@ import pytest
 import yaml
 
 import simulate
-from calib import clouds, images
-from calib.cameras import MODELS, Camera
-from calib.geometry import from_rpy, from_xyz_quat, inverse, pose, transform
-from calib.sim import camera as cameras
-from calib.sim import exposure, files, lidar, log, mocap, motion, patterns, record, rigs
-from calib.sim import scene as scenes
+from calib.geometry.se3 import from_rpy, from_xyz_quat, inverse, pose, transform
+from calib.sensors.camera.camera_model import MODELS, Camera
+from calib.sensors.camera.images import image_messages
+from calib.sensors.lidar.clouds import cloud_layout, cloud_messages
+from simulation import config_and_truth, record_session, ros_log, simulated_rigs
+from simulation.sensors import (
+    camera_exposure,
+    mocap_errors,
+    render_image,
+    scan_patterns,
+    scan_scene,
+)
+from simulation.world import room_scene, smooth_motion
 
 STAMP = 1_700_000_000_123_456_789
 DEMO = simulate.parse(["nowhere", "--rig", "demo"])
@@ -26,9 +33,9 @@ def draw(*arguments):
 
 def decoded(driver, echoes):
     """xyz (n, 3), ring (n,) and dt (n,), ns, of a cloud of that driver, ring by ring."""
-    message = log.cloud(STAMP, "lidar", driver, echoes)
-    layout = clouds.infer([(clouds.read(message), STAMP)], 0, {})[0]
-    xyz, ring, dt = clouds.points(message, layout)
+    message = ros_log.cloud(STAMP, "lidar", driver, echoes)
+    layout = cloud_layout.infer([(cloud_messages.read(message), STAMP)], 0, {})[0]
+    xyz, ring, dt = cloud_messages.points(message, layout)
     order = np.lexsort([xyz[:, 2], xyz[:, 1], xyz[:, 0]])
     return xyz[order], ring[order], dt[order]
 
@@ -37,7 +44,7 @@ def decoded(driver, echoes):
 def still():
     """Scene, T_world_surface and T_world_lidar of a placement, and its session."""
     session = draw("--placements", "1")
-    surfaces = scenes.poses({k: session.knots[k][0] for k in session.mounts})
+    surfaces = room_scene.poses({k: session.knots[k][0] for k in session.mounts})
     T_world_lidar = session.knots["robot"][0] @ session.rig.sensors["velodyne"]
     return SimpleNamespace(session=session, poses=(session.scene, surfaces, T_world_lidar))
 
@@ -45,8 +52,8 @@ def still():
 @pytest.fixture(scope="module")
 def echoes(still):
     """What 16 beams meet within ±40° of azimuth; some see no wall."""
-    firing = patterns.PATTERNS["beams16"].firing(np.deg2rad(40), 0)
-    return lidar.scan(*still.poses, firing, STAMP)
+    firing = scan_patterns.PATTERNS["beams16"].firing(np.deg2rad(40), 0)
+    return scan_scene.scan(*still.poses, firing, STAMP)
 
 
 def test_an_ouster_cloud_holds_the_points_of_a_velodyne_one_and_zeros_elsewhere(echoes):
@@ -54,7 +61,7 @@ def test_an_ouster_cloud_holds_the_points_of_a_velodyne_one_and_zeros_elsewhere(
     one, two = decoded("velodyne", echoes), decoded("ouster", echoes)
     assert np.array_equal(one[0], two[0]) and np.array_equal(one[1], two[1])
     assert np.abs(one[2] - two[2]).max() < 10
-    message = log.cloud(STAMP, "lidar", "ouster", echoes)
+    message = ros_log.cloud(STAMP, "lidar", "ouster", echoes)
     assert (message.height, message.width, message.point_step) == (16, 401, 48)
     assert 0 < len(two[0]) < 16 * 401
     assert (message.data.reshape(-1, 48)[:, [12, 13, 14, 15, 30, 31, *range(36, 48)]] == 0).all()
@@ -64,20 +71,20 @@ def test_a_plain_cloud_has_neither_ring_nor_time(echoes):
     xyz, _, dt = decoded("plain", echoes)
     assert np.array_equal(xyz, decoded("velodyne", echoes)[0])
     assert (dt == 0).all()
-    names = [f.name for f in log.cloud(STAMP, "lidar", "plain", echoes).fields]
+    names = [f.name for f in ros_log.cloud(STAMP, "lidar", "plain", echoes).fields]
     assert names == ["x", "y", "z", "intensity"]
 
 
 def test_the_rings_of_an_ouster_count_from_above():
-    beams = patterns.PATTERNS["beams32"].firing(np.deg2rad(30), 0).beams
+    beams = scan_patterns.PATTERNS["beams32"].firing(np.deg2rad(30), 0).beams
     elevation = np.rad2deg(np.arcsin(beams[0, :, 2]))
     assert elevation == pytest.approx(np.linspace(16.6, -16.6, 32))
-    assert patterns.PATTERNS["beams32"].firing(np.pi, 0).beams.shape == (1025, 32, 3)
+    assert scan_patterns.PATTERNS["beams32"].firing(np.pi, 0).beams.shape == (1025, 32, 3)
 
 
 def test_a_rosette_covers_its_field_within_a_second_and_never_repeats():
     """Cells of 2° by 2°: 98 % of those inside its ellipse of ±40° by ±15°."""
-    rosette, hit = patterns.PATTERNS["rosette"], np.zeros((40, 16), bool)
+    rosette, hit = scan_patterns.PATTERNS["rosette"], np.zeros((40, 16), bool)
     firings = [rosette.firing(np.deg2rad(40), i) for i in range(10)]
     for firing in firings:
         azimuth = np.rad2deg(np.arctan2(firing.beams[..., 1], firing.beams[..., 0]))
@@ -90,19 +97,19 @@ def test_a_rosette_covers_its_field_within_a_second_and_never_repeats():
 
 
 def test_a_livox_cloud_has_lines_and_absolute_times(still):
-    firing = patterns.PATTERNS["rosette"].firing(np.deg2rad(40), 3)
-    met = lidar.scan(*still.poses, firing, STAMP)
-    message = log.cloud(STAMP, "lidar", "livox", met)
-    points = clouds.read(message).fields
+    firing = scan_patterns.PATTERNS["rosette"].firing(np.deg2rad(40), 3)
+    met = scan_scene.scan(*still.poses, firing, STAMP)
+    message = ros_log.cloud(STAMP, "lidar", "livox", met)
+    points = cloud_messages.read(message).fields
     assert message.point_step == 26 and set(points["line"]) == set(range(6))
     after = points["timestamp"] - STAMP
     assert np.all(np.diff(after) >= 0) and after.min() >= -256 and after.max() < 1e8
 
 
 def test_every_beam_keeps_its_bias(still, echoes):
-    firing = patterns.PATTERNS["beams16"].firing(np.deg2rad(40), 0)
+    firing = scan_patterns.PATTERNS["beams16"].firing(np.deg2rad(40), 0)
     bias = 0.01 * np.arange(16)
-    biased = lidar.scan(*still.poses, firing, bias=bias)
+    biased = scan_scene.scan(*still.poses, firing, bias=bias)
     assert np.array_equal(biased.returned, echoes.returned)
     added = (biased.distance - echoes.distance)[echoes.returned]
     assert added == pytest.approx(np.tile(bias, (401, 1))[echoes.returned], abs=1e-12)
@@ -112,10 +119,10 @@ def test_every_beam_keeps_its_bias(still, echoes):
 
 def test_wide_beams_mix_returns_at_edges_only_and_make_the_board_wider(still, echoes):
     """A cone of 0.4°: what a beam meets farther than that from an outline is as with lines."""
-    spread, firing = np.deg2rad(0.4), patterns.PATTERNS["beams16"].firing(np.deg2rad(40), 0)
-    wide = lidar.scan(*still.poses, firing, spread=spread)
+    spread, firing = np.deg2rad(0.4), scan_patterns.PATTERNS["beams16"].firing(np.deg2rad(40), 0)
+    wide = scan_scene.scan(*still.poses, firing, spread=spread)
     scene, surfaces, T_world_lidar = still.poses
-    board = scene.surfaces[scenes.index(scene, "board")]
+    board = scene.surfaces[room_scene.index(scene, "board")]
     T = inverse(surfaces["board"]) @ T_world_lidar
     thin, wider = (transform(T, e.xyz) for e in (echoes, wide))
     inside = np.min(board.size[1] - thin[..., :2] @ board.size[0].T, axis=-1)
@@ -134,46 +141,46 @@ def test_blur_leaves_the_place_of_an_edge_within_a_hundredth_of_a_pixel():
     """An edge 20.3 px from the left border, exactly integrated, blurred by 0.7 px."""
     row = 40 + 160 * np.clip(20.3 - np.arange(40), 0, 1)
     image = np.tile(row[None, :, None], (40, 1, 3))
-    soft = exposure.blurred(image, 0.7)
+    soft = camera_exposure.blurred(image, 0.7)
     place = (soft[20, :, 0] - 40).sum() / 160
     assert place == pytest.approx(20.3, abs=0.01)
     assert np.ptp(np.diff(soft[20, :, 0])) < 0.8 * np.ptp(np.diff(row))
 
 
 def test_an_image_is_exact_at_rest_and_the_mean_over_its_exposure_in_motion():
-    times = motion.placement_times([0, 1], 1.0, 1.0)
+    times = smooth_motion.placement_times([0, 1], 1.0, 1.0)
     seen = []
 
     def image_at(t, points):
         seen.append(t)
         return np.full((2, 2, 3), (t - times[0, 1]) / 1e6)
 
-    shutter = exposure.Shutter(image_at, times, 0.02, 0.0)
+    shutter = camera_exposure.Shutter(image_at, times, 0.02, 0.0)
     for t in times[0, 0] + np.array([300_000_000, 600_000_000]):
         shutter.open(t)
     assert len(seen) == 1
     moving = shutter.open(times[0, 1] + 500_000_000)
-    assert len(seen) == 1 + exposure.INSTANTS and moving == pytest.approx(500)
+    assert len(seen) == 1 + camera_exposure.INSTANTS and moving == pytest.approx(500)
     assert np.ptp(seen[1:]) == pytest.approx(20_000_000 * 7 / 8)
 
 
 @pytest.mark.parametrize("name", sorted(MODELS))
 def test_a_camera_of_every_model_shows_corners_where_its_projection_says(name):
     """The parameters of --camera-model at a third of their size; OpenCV's corners, 0.2 px."""
-    params = rigs.PARAMS[name]
+    params = simulated_rigs.PARAMS[name]
     params = (*(p / 3 for p in params[:4]), *params[4:])
     camera = Camera(name, params, (300, 234))
     T_world_camera = from_rpy([-1, 0, 2.0], np.deg2rad([-90, 0, -90]))
     T_camera_board = pose(np.diag([1.0, -1, -1]), [0.05, 0.02, 1.1]) @ from_rpy(
         [0] * 3, [0.2, 0.3, 0.1]
     )
-    surfaces = scenes.poses({"board": T_world_camera @ T_camera_board})
-    image = cameras.render(
-        cameras.view(camera), scenes.build(["board"]), surfaces, T_world_camera, 64, 8
+    surfaces = room_scene.poses({"board": T_world_camera @ T_camera_board})
+    image = render_image.render(
+        render_image.view(camera), room_scene.build(["board"]), surfaces, T_world_camera, 64, 8
     )
-    p = scenes.marks("board")[0].reshape(7, 8, 3)[1:-1, 1:-1].reshape(-1, 3)
+    p = room_scene.marks("board")[0].reshape(7, 8, 3)[1:-1, 1:-1].reshape(-1, 3)
     uv, ok = camera.project(transform(T_camera_board, p))
-    grey = exposure.expose(image, "mono8", 0, None)
+    grey = camera_exposure.expose(image, "mono8", 0, None)
     found = uv.astype(np.float32)[:, None].copy()
     cv2.cornerSubPix(grey, found, (4, 4), (-1, -1), (3, 50, 1e-4))
     assert ok.all() and len(uv) == 30
@@ -185,8 +192,8 @@ def test_a_camera_of_every_model_shows_corners_where_its_projection_says(name):
     [("radtan", "plumb_bob", 5), ("kannala_brandt", "equidistant", 4)],
 )
 def test_camera_info_holds_the_parameters_of_the_camera(model, called, count):
-    camera = Camera(model, rigs.PARAMS[model], (900, 700))
-    info = log.camera_info(camera)(STAMP, "left")
+    camera = Camera(model, simulated_rigs.PARAMS[model], (900, 700))
+    info = ros_log.camera_info(camera)(STAMP, "left")
     assert (info.width, info.height, info.distortion_model) == (900, 700, called)
     assert info.d.tolist() == list(camera.params[4:]) and len(info.d) == count
     assert info.k.reshape(3, 3)[[0, 1, 0, 1], [0, 1, 2, 2]].tolist() == list(camera.params[:4])
@@ -194,38 +201,38 @@ def test_camera_info_holds_the_parameters_of_the_camera(model, called, count):
 
 
 def test_a_model_that_ros_has_no_name_for_comes_without_camera_info():
-    camera = Camera("double_sphere", rigs.PARAMS["double_sphere"], (900, 700))
-    assert log.camera_info(camera) is None
+    camera = Camera("double_sphere", simulated_rigs.PARAMS["double_sphere"], (900, 700))
+    assert ros_log.camera_info(camera) is None
 
 
 def test_a_compressed_image_is_the_image_exactly_as_png_and_nearly_as_jpeg():
     pixels = cv2.GaussianBlur(
         np.random.default_rng(0).integers(0, 255, (60, 80, 3), np.uint8), (0, 0), 6
     )
-    spec = rigs.RIGS["demo"].sensors["right_camera"]
-    topic, kind, message = log.image(STAMP, "right", spec, pixels)
-    assert (topic, kind) == ("/right/image_raw/compressed", log.COMPRESSED)
-    assert np.array_equal(images.bgr(message), pixels)
-    message = log.image(STAMP, "right", spec._replace(encoding="jpeg"), pixels)[2]
-    assert np.abs(images.bgr(message).astype(int) - pixels).max() < 8
+    spec = simulated_rigs.RIGS["demo"].sensors["right_camera"]
+    topic, kind, message = ros_log.image(STAMP, "right", spec, pixels)
+    assert (topic, kind) == ("/right/image_raw/compressed", ros_log.COMPRESSED)
+    assert np.array_equal(image_messages.bgr(message), pixels)
+    message = ros_log.image(STAMP, "right", spec._replace(encoding="jpeg"), pixels)[2]
+    assert np.abs(image_messages.bgr(message).astype(int) - pixels).max() < 8
 
 
 def test_a_cylinder_is_shaded_mildly_in_one_hue():
     """Brightness between 0.7 and 1 of its colour."""
     camera = Camera("radtan", (200, 200, 99.5, 74.5, 0, 0, 0, 0), (200, 150))
     T_world_camera = from_rpy([-1.5, 0, 1.0], np.deg2rad([-90, 0, -90]))
-    surfaces = scenes.poses({"cylinder": from_rpy([0, 0, 1.0], np.deg2rad([0, 0, 80]))})
-    image = cameras.render(
-        cameras.view(camera), scenes.build(["cylinder"]), surfaces, T_world_camera, 64, 8
+    surfaces = room_scene.poses({"cylinder": from_rpy([0, 0, 1.0], np.deg2rad([0, 0, 80]))})
+    image = render_image.render(
+        render_image.view(camera), room_scene.build(["cylinder"]), surfaces, T_world_camera, 64, 8
     )
-    side = image[68:81, 60:140] / scenes.GREEN
+    side = image[68:81, 60:140] / room_scene.GREEN
     assert np.ptp(side, axis=-1).max() < 1e-12
     assert side.min() > 0.7 and side.max() <= 1 and np.ptp(side) > 0.1
 
 
 def test_motion_capture_loses_the_share_of_samples_asked_for_in_bursts():
     """10 % of 200 000 samples, 8 in a row on average."""
-    lost = mocap.lost(np.random.default_rng(0), 200_000, 0.1)
+    lost = mocap_errors.lost(np.random.default_rng(0), 200_000, 0.1)
     begins = np.sum(lost[1:] & ~lost[:-1])
     assert lost.mean() == pytest.approx(0.1, abs=0.005)
     assert lost.sum() / begins == pytest.approx(8, rel=0.05)
@@ -233,14 +240,14 @@ def test_motion_capture_loses_the_share_of_samples_asked_for_in_bursts():
 
 def test_lost_samples_are_missing_from_tf_body_by_body():
     session = draw("--placements", "3", "--mcs-dropout", "0.2")
-    sizes = [len(m[3].transforms) for m in record.transforms(session)]
+    sizes = [len(m[3].transforms) for m in record_session.transforms(session)]
     assert set(sizes) >= {1, 2, 3} and sum(sizes) < 0.95 * 3 * len(sizes)
 
 
 def test_two_bodies_bear_each_others_names_during_a_swap():
     session = draw("--placements", "2", "--label-swaps", "2", "--mcs-late-s", "0.01")
     names, wrong = session.bodies(), set()
-    for _, _, _, message in record.transforms(session):
+    for _, _, _, message in record_session.transforms(session):
         for item in message.transforms:
             t = item.header.stamp.sec * 10**9 + item.header.stamp.nanosec - 10_000_000
             p, q = item.transform.translation, item.transform.rotation
@@ -250,10 +257,10 @@ def test_two_bodies_bear_each_others_names_during_a_swap():
                 wrong.add((t, item.child_frame_id))
     for start, end, pair in session.swaps:
         assert 100_000_000 <= end - start <= 300_000_000
-        t = np.arange(record.span(session.times)[0], end, mocap.PERIOD_NS)
+        t = np.arange(record_session.span(session.times)[0], end, mocap_errors.PERIOD_NS)
         assert {(x, body) for x in t[t >= start].tolist() for body in pair} <= wrong
     assert len(wrong) <= 2 * sum(
-        (end - start) // mocap.PERIOD_NS + 1 for start, end, _ in session.swaps
+        (end - start) // mocap_errors.PERIOD_NS + 1 for start, end, _ in session.swaps
     )
 
 
@@ -261,10 +268,11 @@ def test_targets_are_built_to_scale_and_written_without_it():
     session = draw("--placements", "1", "--target-scale", "1.01")
     plain = draw("--placements", "1")
     sizes = [
-        [s.radius for s in x.scene.surfaces if s.name in scenes.TARGETS] for x in (session, plain)
+        [s.radius for s in x.scene.surfaces if s.name in room_scene.TARGETS]
+        for x in (session, plain)
     ]
     assert np.divide(*sizes) == pytest.approx([1.01, 1.01])
-    assert files.target_config("cylinder", session.args)["radius_m"] == 0.1
+    assert config_and_truth.target_config("cylinder", session.args)["radius_m"] == 0.1
     assert np.array_equal(session.knots["board"], plain.knots["board"])
 
 
@@ -294,8 +302,8 @@ def demo():
 def seen_at_all(session, k, sensor, name):
     """Whether any part of a target is in a sensor's field of view at placement k."""
     T = inverse(session.knots["robot"][k] @ session.rig.sensors[sensor]) @ session.knots[name][k]
-    surface = session.scene.surfaces[scenes.index(session.scene, name)]
-    p = transform(T, np.concatenate([scenes.marks(name)[0], surface.corners]))
+    surface = session.scene.surfaces[room_scene.index(session.scene, name)]
+    p = transform(T, np.concatenate([room_scene.marks(name)[0], surface.corners]))
     return in_field(session.rig, sensor, p).any()
 
 
@@ -336,9 +344,9 @@ def test_the_demo_has_200_images_of_which_two_of_a_camera_at_every_placement(dem
     total = 0
     for session in demo:
         for name in session.rig.cameras:
-            t = np.array(record.stamps(session, session.rig.specs[name]))
+            t = np.array(record_session.stamps(session, session.rig.specs[name]))
             total += len(t)
-            k, way = motion.blend(t, session.times)
+            k, way = smooth_motion.blend(t, session.times)
             assert np.bincount(k[way == 0]).tolist() == [2] * 15
     assert total <= 200
 
@@ -346,7 +354,7 @@ def test_the_demo_has_200_images_of_which_two_of_a_camera_at_every_placement(dem
 def test_the_demo_carries_its_targets_around_the_robot_at_a_persons_pace(demo):
     """Never nearer than 1 m, nor faster than 4 m/s; the robot turns by less than 12° a move."""
     for session in demo:
-        t = np.arange(*record.span(session.times), 20_000_000)
+        t = np.arange(*record_session.span(session.times), 20_000_000)
         for name in session.mounts:
             p = session.T_world(name, t)[:, :3, 3]
             assert np.hypot(p[:, 0], p[:, 1]).min() > 1.0
@@ -359,13 +367,13 @@ def test_the_two_sessions_of_the_demo_have_one_rig_and_other_placements(demo):
     one, two = demo
     assert (one.name, two.name) == ("morning", "evening") and one.rig is two.rig
     assert np.abs(one.knots["board"] - two.knots["board"]).max() > 0.1
-    a, b = (s.rng(record.LIDAR, 0, 0).standard_normal() for s in demo)
+    a, b = (s.rng(record_session.LIDAR, 0, 0).standard_normal() for s in demo)
     assert a != b
 
 
 def test_the_configuration_of_the_demo_names_both_sessions_and_every_sensor(demo, tmp_path):
     guesses = simulate.draw(DEMO)[1]
-    files.write_config(tmp_path, "demo", demo, guesses)
+    config_and_truth.write_config(tmp_path, "demo", demo, guesses)
     config = yaml.safe_load((tmp_path / "config.yaml").read_text())
     assert config["sessions"] == {
         name: {"rig": "demo", "log": f"logs/{name}.mcap"} for name in ("morning", "evening")
@@ -384,4 +392,4 @@ def test_the_help_describes_every_rig(capsys):
     with pytest.raises(SystemExit):
         simulate.parse(["--help"])
     text = capsys.readouterr().out
-    assert all(f"--rig {name}" in text for name in rigs.RIGS)
+    assert all(f"--rig {name}" in text for name in simulated_rigs.RIGS)

@@ -14,12 +14,18 @@ from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 
 import simulate
-from calib.cameras import Camera
-from calib.geometry import angle, from_rpy, from_xyz_quat, inverse, pose, se3_log, transform
-from calib.sim import camera as cameras
-from calib.sim import drivers, exposure, mocap, motion, patterns, record, shapes
-from calib.sim import lidar as lidars
-from calib.sim import scene as scenes
+from calib.geometry.se3 import angle, from_rpy, from_xyz_quat, inverse, pose, se3_log, transform
+from calib.sensors.camera.camera_model import Camera
+from simulation import record_session
+from simulation.sensors import (
+    camera_exposure,
+    cloud_formats,
+    mocap_errors,
+    render_image,
+    scan_patterns,
+    scan_scene,
+)
+from simulation.world import ray_surfaces, room_scene, smooth_motion
 
 SHORT = ["--placements", "2", "--hold-s", "0.4", "--move-s", "0.4"]
 SCHEMAS = Path(__file__).parents[1] / "workflow" / "schemas"
@@ -62,7 +68,7 @@ def stamp(message):
 
 def read_points(message):
     """Positions (n, 3), m, lidar frame, and times (n,), ns on the log's clock, of a PointCloud2."""
-    points = message.data.view(drivers.DRIVERS["velodyne"].point)
+    points = message.data.view(cloud_formats.DRIVERS["velodyne"].point)
     xyz = np.stack([points[c] for c in "xyz"], -1).astype(float)
     return xyz, stamp(message) + np.round(points["time"].astype(float) * 1e9).astype(np.int64)
 
@@ -119,7 +125,7 @@ def test_noise_free_points_lie_on_the_true_surfaces_at_their_own_times(short):
         T_world_lidar = short.session.T_world("robot", t) @ T_robot_lidar
         gap = distances(short.session.scene, surfaces, transform(T_world_lidar, xyz))
         assert gap.max() < ROUNDING_M
-        moving += np.sum(motion.blend(t, short.session.times)[1] > 0)
+        moving += np.sum(smooth_motion.blend(t, short.session.times)[1] > 0)
     assert moving > 10_000
 
 
@@ -243,10 +249,10 @@ def test_the_stand_stays_behind_the_board_as_far_down_as_the_board_reaches(seed,
     facing = from_rpy([2, 0, height], np.deg2rad([90, 0, -90]))
     T = facing @ from_rpy([0, 0, 0], np.deg2rad([lean, 0, 0]))
     T = T @ from_rpy([0, 0, 0], np.deg2rad([0, 0, roll]))
-    for name, surface in scenes.poses({"board": T}).items():
+    for name, surface in room_scene.poses({"board": T}).items():
         if name not in ("board_arm", "board_pole"):
             continue
-        length = scenes.ARM_M if name == "board_arm" else scenes.POLE_M
+        length = room_scene.ARM_M if name == "board_arm" else room_scene.POLE_M
         p = transform(surface, np.linspace(-length / 2, length / 2, 500)[:, None] * [1, 0, 0])
         beside = p[:, 2] > height - 0.72
         assert transform(inverse(T), p[beside])[:, 2].max() < -0.02
@@ -257,7 +263,7 @@ def test_the_stand_stays_behind_the_board_as_far_down_as_the_board_reaches(seed,
 def test_rays_meet_a_cylinder_on_its_side_or_on_its_caps(y, z, slope):
     o = np.array([[1.0], [2.0 + y], [z]])
     d = np.array([[slope - 0.5], [-1.0], [-0.3 * z]])
-    t, face = shapes.meet_cylinder((0.8, 0.1), o, d)
+    t, face = ray_surfaces.meet_cylinder((0.8, 0.1), o, d)
     if not np.isfinite(t[0]):
         return
     p = (o + t * d)[:, 0]
@@ -269,12 +275,12 @@ def test_rays_meet_a_cylinder_on_its_side_or_on_its_caps(y, z, slope):
 @given(st.lists(st.floats(0, 1), min_size=2, max_size=2))
 @settings(max_examples=50, deadline=None)
 def test_poses_are_continuous_and_still_during_a_placement(fractions):
-    times = motion.placement_times([0, 1], 1.0, 0.8)
+    times = smooth_motion.placement_times([0, 1], 1.0, 0.8)
     knots = np.stack([from_rpy([0, 0, 0], [0, 0, 0]), from_rpy([1, 0, 0.5], [0.3, 0, 1.0])])
     still = times[0, 0] + np.int64(1e9 * fractions[0])
-    assert np.array_equal(motion.poses_at([still], times, knots)[0], knots[0])
+    assert np.array_equal(smooth_motion.poses_at([still], times, knots)[0], knots[0])
     t = times[0, 1] + np.int64(0.8e9 * fractions[1])
-    near = motion.poses_at([t, t + 1000], times, knots)
+    near = smooth_motion.poses_at([t, t + 1000], times, knots)
     assert np.abs(near[1] - near[0]).max() < 1e-5
 
 
@@ -333,11 +339,14 @@ def test_noise_leaves_rig_and_placements_as_they_are():
 
 def test_range_noise_has_its_standard_deviation_along_the_beam():
     session = draw("--placements", "1")
-    surfaces = scenes.poses({k: session.knots[k][0] for k in session.mounts})
+    surfaces = room_scene.poses({k: session.knots[k][0] for k in session.mounts})
     T_world_lidar = session.knots["robot"][0] @ session.rig.sensors["velodyne"]
-    firing, rng = patterns.PATTERNS["beams16"].firing(np.deg2rad(100), 0), np.random.default_rng(0)
+    firing, rng = (
+        scan_patterns.PATTERNS["beams16"].firing(np.deg2rad(100), 0),
+        np.random.default_rng(0),
+    )
     exact, noisy = (
-        lidars.scan(session.scene, surfaces, T_world_lidar, firing, 0, rng, sigma)
+        scan_scene.scan(session.scene, surfaces, T_world_lidar, firing, 0, rng, sigma)
         for sigma in (0.0, 0.01)
     )
     a, b = (echoes.xyz[exact.returned] for echoes in (exact, noisy))
@@ -349,7 +358,7 @@ def test_range_noise_has_its_standard_deviation_along_the_beam():
 
 def test_image_noise_has_its_standard_deviation_after_rounding():
     flat = np.full((400, 400, 3), 120.0)
-    image = exposure.expose(flat, "bgr8", 1.8, np.random.default_rng(0)).astype(float)
+    image = camera_exposure.expose(flat, "bgr8", 1.8, np.random.default_rng(0)).astype(float)
     for channel in range(3):
         sigma = np.std(image[..., channel])
         assert sigma == pytest.approx(np.hypot(1.8, 12**-0.5), rel=0.01)
@@ -365,7 +374,7 @@ def test_mcs_noise_is_white_and_its_bias_lasts_a_placement():
     means, scatter = [], []
     for start in session.times[:, 0]:
         t = start + 10_000_000 * np.arange(100)
-        T = mocap.measured(session, np.random.default_rng(start), "robot", t)
+        T = mocap_errors.measured(session, np.random.default_rng(start), "robot", t)
         xi = se3_log(inverse(session.T_world("robot", t)) @ T)
         means.append(xi.mean(0))
         scatter.append(xi - xi.mean(0))
@@ -381,8 +390,8 @@ def test_late_mcs_stamps_and_a_displaced_target_have_the_size_asked_for():
     for T in session.mounts.values():
         assert np.linalg.norm(T[:3, 3]) == pytest.approx(0.006)
         assert np.rad2deg(angle(T)) == pytest.approx(1)
-    first = next(record.transforms(session))[3].transforms[0]
-    assert stamp(first) == session.times[0, 0] - record.MARGIN_NS + 25_000_000
+    first = next(record_session.transforms(session))[3].transforms[0]
+    assert stamp(first) == session.times[0, 0] - record_session.MARGIN_NS + 25_000_000
 
 
 def clip(polygon, normal, offset):
@@ -435,7 +444,7 @@ def corner_error(image, corner, directions, half):
 
 def corner_errors(image, camera, T_camera_board):
     """Errors (30, 2), px, of all inner corners of the board in a rendered image."""
-    spec = scenes.TARGETS["board"]["pattern"]
+    spec = room_scene.TARGETS["board"]["pattern"]
     project = lambda x, y: camera.project(transform(T_camera_board, [x, y, 0.0]))[0][0]  # noqa: E731
     errors = []
     for i in range(spec["inner_corners"][0]):
@@ -453,12 +462,12 @@ def corner_errors(image, camera, T_camera_board):
 def board_views():
     """Camera, and unrounded images of two placements of the board with T_camera_board (4, 4)."""
     session = draw("--placements", "2", "--targets", "board")
-    view = cameras.view(session.rig.cameras["camera"])
+    view = render_image.view(session.rig.cameras["camera"])
     images = []
     for k in range(2):
         T_world_camera = session.knots["robot"][k] @ session.rig.sensors["camera"]
-        surfaces = scenes.poses({"board": session.knots["board"][k]})
-        image = cameras.render(view, session.scene, surfaces, T_world_camera)[..., 0]
+        surfaces = room_scene.poses({"board": session.knots["board"][k]})
+        image = render_image.render(view, session.scene, surfaces, T_world_camera)[..., 0]
         images.append((image, inverse(T_world_camera) @ session.knots["board"][k]))
     return session.rig.cameras["camera"], images
 
@@ -488,8 +497,8 @@ def test_an_edge_along_the_rows_of_pixels_is_true_to_a_thousandth_of_a_pixel(sma
     camera, scene, view = small_view
     T_camera_board = pose(np.diag([1.0, -1.0, -1.0]), [shift, 0, 2.0])
     T_world_camera = from_rpy([-1, 0, 2.0], np.deg2rad([-90, 0, -90]))
-    surfaces = scenes.poses({"board": T_world_camera @ T_camera_board})
-    image = cameras.render(view, scene, surfaces, T_world_camera)[..., 0]
+    surfaces = room_scene.poses({"board": T_world_camera @ T_camera_board})
+    image = render_image.render(view, scene, surfaces, T_world_camera)[..., 0]
     edge = camera.project(transform(T_camera_board, [0.04, 0.0, 0.0]))[0][0, 0]
     columns = slice(108, 124)  # from the middle of one square to that of the next
     left, right = image[105, columns][[0, -1]]
@@ -502,17 +511,17 @@ def test_an_edge_along_the_rows_of_pixels_is_true_to_a_thousandth_of_a_pixel(sma
 @pytest.fixture(scope="module")
 def small_view():
     camera = Camera("radtan", (800, 800, 99.5, 99.5, 0, 0, 0, 0), (200, 200))
-    return camera, scenes.build(["board"]), cameras.view(camera)
+    return camera, room_scene.build(["board"]), render_image.view(camera)
 
 
 def test_interpolated_rays_of_a_distorted_camera_are_true_to_a_millionth_of_a_pixel():
     """Every sampled ray projects to its point in the pixel, the same one for all pixels."""
     camera = Camera("radtan", (802.3, 801.1, 452.6, 347.9, -0.28, 0.09, 6e-4, -4e-4), (900, 700))
-    view = cameras.view(camera)
+    view = render_image.view(camera)
     rng = np.random.default_rng(0)
     v, u = rng.integers(0, 690, 200), rng.integers(0, 890, 200)
     nodes = np.array([view.rays[v + i, u + j] for i in range(3) for j in range(3)])
-    for weights in cameras._weights(cameras.COARSE)[0]:
+    for weights in render_image._weights(render_image.COARSE)[0]:
         uv, _ = camera.project(np.einsum("p,pnc->nc", weights, nodes))
         within = uv - np.stack([u, v], -1)
         assert np.abs(within - within[0]).max() < 1e-6

@@ -17,9 +17,13 @@ import judge
 import report
 import runs
 import solve
-from calib import geometry, mocap, rig, stage, tables, targets, yamls
-from calib.config import complete
-from calib.status import InputError
+from calib.geometry import se3
+from calib.io import parquet_tables, pose_block, safe_yaml, stage_cli, table_schemas
+from calib.io.config import complete
+from calib.io.status import InputError
+from calib.mocap import body_trajectory, stillness
+from calib.sensors import sensor_models
+from calib.targets import target_shapes
 
 HOME = "results/sim/sim"
 
@@ -60,9 +64,9 @@ def matrix(pose):
 
 
 def test_decode_finds_every_message_and_pose(here):
-    audit = stage.read_json(f"{HOME}/log.json")
-    poses, _, _ = tables.read(f"{HOME}/mocap.parquet", tables.MOCAP)
-    frames, _, _ = tables.read(f"{HOME}/frames.parquet", tables.FRAMES)
+    audit = stage_cli.read_json(f"{HOME}/log.json")
+    poses, _, _ = parquet_tables.read(f"{HOME}/mocap.parquet", table_schemas.MOCAP)
+    frames, _, _ = parquet_tables.read(f"{HOME}/frames.parquet", table_schemas.FRAMES)
     count = {t: v["messages"] for t, v in audit["topics"].items()}
     assert len(poses["t"]) == 3 * count["/tf"]
     assert (poses["fault"] == "").all()
@@ -73,31 +77,35 @@ def test_decode_finds_every_message_and_pose(here):
 
 
 def test_gate_finds_the_placements_and_their_poses_to_a_nanometre(here, truth):
-    found, status, notes = tables.read(f"{HOME}/placements.parquet", tables.PLACEMENTS)
+    found, status, notes = parquet_tables.read(
+        f"{HOME}/placements.parquet", table_schemas.PLACEMENTS
+    )
     assert status.ok and all(n["ok"] for n in notes.values())
     for name in ("board", "cylinder"):
         rows = np.flatnonzero((found["target"] == name) & (found["kind"] == "still"))
         assert len(rows) == len(truth["placements"]) == 4
         for i, place in zip(rows, truth["placements"], strict=True):
             assert place["start_ns"] <= found["start"][i] < found["end"][i] <= place["end_ns"]
-            T = geometry.from_xyz_quat(found["xyz"][i], found["quat"][i])
-            error = geometry.se3_log(geometry.inverse(matrix(place["T_robot_target"][name])) @ T)
+            T = se3.from_xyz_quat(found["xyz"][i], found["quat"][i])
+            error = se3.se3_log(se3.inverse(matrix(place["T_robot_target"][name])) @ T)
             assert np.abs(error).max() < 1e-9
 
 
 def test_guess_passes_on_the_rig_s_own(here):
-    found = stage.read_json(f"{HOME}/camera/guess.json")
-    written = yamls.load("config/rigs/sim.yaml")["sensors"]["camera"]
+    found = stage_cli.read_json(f"{HOME}/camera/guess.json")
+    written = safe_yaml.load("config/rigs/sim.yaml")["sensors"]["camera"]
     assert found["source"] == "config"
-    np.testing.assert_allclose(matrix(found["T_robot_sensor"]), rig.pose(written["T_robot_sensor"]))
-    np.testing.assert_allclose(found["sigma"], rig.pose_sigma(written["guess_sigma"]))
+    np.testing.assert_allclose(
+        matrix(found["T_robot_sensor"]), pose_block.pose(written["T_robot_sensor"])
+    )
+    np.testing.assert_allclose(found["sigma"], pose_block.pose_sigma(written["guess_sigma"]))
 
 
 def test_guess_takes_the_chain_of_static_transforms_where_the_rig_states_nothing(here, tmp_path):
     arguments = list(here["guess", "camera"])
     options = json.loads(arguments[-1])
     del options["sensor"]["T_robot_sensor"]
-    audit = stage.read_json(f"{HOME}/log.json")
+    audit = stage_cli.read_json(f"{HOME}/log.json")
     quarter = [0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]
     audit["static"] = [
         {
@@ -111,21 +119,24 @@ def test_guess_takes_the_chain_of_static_transforms_where_the_rig_states_nothing
             "T": {"xyz_m": [0, 0, 2.0], "quat_xyzw": [0, 0, 0, 1]},
         },
     ]
-    stage.write_json(tmp_path / "log.json", audit)
+    stage_cli.write_json(tmp_path / "log.json", audit)
     output = tmp_path / "guess.json"
     paths = ["--audit", str(tmp_path / "log.json"), "--mocap", "--placements", "--frames"]
     paths += ["--output", str(output)]
     guess.main([*paths, "--options", json.dumps(options)])
-    found = stage.read_json(output)
+    found = stage_cli.read_json(output)
     assert found["source"] == "tf_static"
     np.testing.assert_allclose(found["T_robot_sensor"]["xyz_m"], [1, 0, -2], atol=1e-12)
     np.testing.assert_allclose(found["T_robot_sensor"]["quat_xyzw"], quarter, atol=1e-12)
 
 
 def test_crop_accounts_for_every_frame_and_keeps_none_that_moves(here, truth):
-    frames, _, _ = tables.read(f"{HOME}/frames.parquet", tables.FRAMES)
-    for sensor, schema in (("camera", tables.VIEWS_CAMERA), ("velodyne", tables.VIEWS_LIDAR)):
-        views, status, _ = tables.read(f"{HOME}/{sensor}/views.parquet", schema)
+    frames, _, _ = parquet_tables.read(f"{HOME}/frames.parquet", table_schemas.FRAMES)
+    for sensor, schema in (
+        ("camera", table_schemas.VIEWS_CAMERA),
+        ("velodyne", table_schemas.VIEWS_LIDAR),
+    ):
+        views, status, _ = parquet_tables.read(f"{HOME}/{sensor}/views.parquet", schema)
         assert status.ok
         assert len(views["view"]) == 2 * np.sum(frames["sensor"] == sensor)
         assert ((views["reason"] == "") == views["kept"]).all()
@@ -136,17 +147,17 @@ def test_crop_accounts_for_every_frame_and_keeps_none_that_moves(here, truth):
 
 
 def test_extracted_corners_are_those_of_the_board_to_0_02_px(here, truth):
-    pairs, _, _ = tables.read(f"{HOME}/pairs.parquet", tables.PAIRS)
-    rows = tables.select(pairs, pairs["kind"] == "corner")
-    config = complete("rig", yamls.load("config/rigs/sim.yaml"), "rig")["sensors"]["camera"]
-    board = complete("target", yamls.load("config/targets/board.yaml"), "board")
-    corners = targets.from_config(board).pattern.corners()
+    pairs, _, _ = parquet_tables.read(f"{HOME}/pairs.parquet", table_schemas.PAIRS)
+    rows = parquet_tables.select(pairs, pairs["kind"] == "corner")
+    config = complete("rig", safe_yaml.load("config/rigs/sim.yaml"), "rig")["sensors"]["camera"]
+    board = complete("target", safe_yaml.load("config/targets/board.yaml"), "board")
+    corners = target_shapes.from_config(board).pattern.corners()
     T_robot_camera = matrix(truth["sensors"]["camera"]["T_robot_sensor"])
     errors = []
     for place in truth["placements"]:
         at = (rows["t"] >= place["start_ns"]) & (rows["t"] <= place["end_ns"])
-        T = geometry.inverse(T_robot_camera) @ matrix(place["T_robot_target"]["board"])
-        uv, _ = rig.camera(config).project(geometry.transform(T, corners[rows["feature"][at]]))
+        T = se3.inverse(T_robot_camera) @ matrix(place["T_robot_target"]["board"])
+        uv, _ = sensor_models.camera(config).project(se3.transform(T, corners[rows["feature"][at]]))
         errors.append(rows["uv"][at] - uv)
     errors = np.concatenate(errors)
     assert len(errors) == len(rows["t"]) and (rows["feature"] >= 0).all()
@@ -154,11 +165,11 @@ def test_extracted_corners_are_those_of_the_board_to_0_02_px(here, truth):
 
 
 def test_members_of_a_lidar_lie_on_the_targets_to_3_micrometres(here, truth):
-    pairs, _, _ = tables.read(f"{HOME}/pairs.parquet", tables.PAIRS)
+    pairs, _, _ = parquet_tables.read(f"{HOME}/pairs.parquet", table_schemas.PAIRS)
     T_robot_lidar = matrix(truth["sensors"]["velodyne"]["T_robot_sensor"])
     for name in ("board", "cylinder"):
-        target = targets.from_config(
-            complete("target", yamls.load(f"config/targets/{name}.yaml"), name)
+        target = target_shapes.from_config(
+            complete("target", safe_yaml.load(f"config/targets/{name}.yaml"), name)
         )
         mine = (pairs["target"] == name) & (pairs["kind"] == "surface") & (pairs["feature"] >= 0)
         seen = 0
@@ -166,8 +177,8 @@ def test_members_of_a_lidar_lie_on_the_targets_to_3_micrometres(here, truth):
             at = mine & (pairs["t"] >= place["start_ns"]) & (pairs["t"] <= place["end_ns"])
             if at.any():
                 seen += 1
-                T = geometry.inverse(matrix(place["T_robot_target"][name])) @ T_robot_lidar
-                distance = target.distance(*geometry.transform(T, pairs["xyz"][at]).T)
+                T = se3.inverse(matrix(place["T_robot_target"][name])) @ T_robot_lidar
+                distance = target.distance(*se3.transform(T, pairs["xyz"][at]).T)
                 assert np.median(np.abs(distance)) < 1e-6
                 assert np.mean(np.abs(distance) < 3e-6) > 0.99
         assert mine.sum() > 1000
@@ -176,18 +187,18 @@ def test_members_of_a_lidar_lie_on_the_targets_to_3_micrometres(here, truth):
 
 def test_judge_writes_what_the_schemas_promise(here):
     for kind in ("calibration", "verdict"):
-        content = stage.read_json(f"results/sim/{kind}.json")
+        content = stage_cli.read_json(f"results/sim/{kind}.json")
         complete(kind, content, kind)
 
 
 def test_residuals_have_one_row_per_pair(here):
-    pairs, _, _ = tables.read(f"{HOME}/pairs.parquet", tables.PAIRS)
-    residuals, _, _ = tables.read("results/sim/residuals.parquet", tables.RESIDUALS)
+    pairs, _, _ = parquet_tables.read(f"{HOME}/pairs.parquet", table_schemas.PAIRS)
+    residuals, _, _ = parquet_tables.read("results/sim/residuals.parquet", table_schemas.RESIDUALS)
     assert np.sum(~residuals["moving"]) == len(pairs["sensor"])
 
 
 def test_residuals_of_targets_in_motion_come_with_their_speed(here):
-    residuals, _, _ = tables.read("results/sim/residuals.parquet", tables.RESIDUALS)
+    residuals, _, _ = parquet_tables.read("results/sim/residuals.parquet", table_schemas.RESIDUALS)
     moving = residuals["moving"]
     assert moving.any() and np.all(residuals["speed"][~moving] == 0)
     assert residuals["speed"][moving].min() > 0 and residuals["speed"][moving].max() < 2
@@ -197,7 +208,7 @@ def test_residuals_of_targets_in_motion_come_with_their_speed(here):
 
 
 def test_still_intervals_are_numbered_first(here):
-    found, _, _ = tables.read(f"{HOME}/placements.parquet", tables.PLACEMENTS)
+    found, _, _ = parquet_tables.read(f"{HOME}/placements.parquet", table_schemas.PLACEMENTS)
     still = found["kind"] == "still"
     assert found["placement"][still].tolist() == list(range(8))
     assert found["placement"].tolist() == list(range(len(still)))
@@ -205,21 +216,21 @@ def test_still_intervals_are_numbered_first(here):
 
 def test_export_writes_the_transform_that_calibration_json_states(here):
     text = Path("results/sim/export/static_transforms.yaml").read_text()
-    exported = yamls.load("results/sim/export/static_transforms.yaml")["transforms"]
-    result = stage.read_json("results/sim/calibration.json")["sensors"]
+    exported = safe_yaml.load("results/sim/export/static_transforms.yaml")["transforms"]
+    result = stage_cli.read_json("results/sim/calibration.json")["sensors"]
     assert [t["child_frame_id"] for t in exported] == ["camera", "velodyne"]
     for t, name in zip(exported, ("camera", "velodyne"), strict=True):
         move, turn = t["transform"]["translation"], t["transform"]["rotation"]
-        T = geometry.from_xyz_quat([move[k] for k in "xyz"], [turn[k] for k in "xyzw"])
+        T = se3.from_xyz_quat([move[k] for k in "xyz"], [turn[k] for k in "xyzw"])
         np.testing.assert_allclose(T, matrix(result[name]["T_robot_sensor"]), atol=1e-12)
         x, y, z = T[:3, 0] + T[:3, 3]
         assert f"the point (1, 0, 0) of {name} is ({x:.6f}, {y:.6f}, {z:.6f})" in text
 
 
 def test_export_refuses_a_failed_verdict_and_removes_what_stood_there(here, tmp_path):
-    calibration = stage.read_json("results/sim/calibration.json")
-    stage.write_json(tmp_path / "c.json", calibration)
-    stage.write_json(tmp_path / "v.json", {"verdict": "fail", "reasons": ["velodyne: too bad"]})
+    calibration = stage_cli.read_json("results/sim/calibration.json")
+    stage_cli.write_json(tmp_path / "c.json", calibration)
+    stage_cli.write_json(tmp_path / "v.json", {"verdict": "fail", "reasons": ["velodyne: too bad"]})
     old = tmp_path / "export" / "stale.yaml"
     old.parent.mkdir()
     old.write_text("stale")
@@ -236,8 +247,8 @@ def test_export_refuses_a_failed_verdict_and_removes_what_stood_there(here, tmp_
 def test_an_accepted_calibration_is_kept_and_a_second_export_adds_nothing(here):
     (entry,) = Path("results/sim/history").iterdir()
     before = entry.read_bytes()
-    calibration = stage.read_json("results/sim/calibration.json")
-    assert stage.read_json(entry)["calibration"] == calibration
+    calibration = stage_cli.read_json("results/sim/calibration.json")
+    assert stage_cli.read_json(entry)["calibration"] == calibration
     export.main(here["export", ""])
     assert [p.read_bytes() for p in Path("results/sim/history").iterdir()] == [before]
 
@@ -247,7 +258,7 @@ def test_a_wrong_input_ends_a_stage_in_one_line_and_exit_code_1(here, caplog):
     options = json.loads(arguments[-1]) | {"log": "logs/nowhere.mcap"}
     arguments[-1] = json.dumps(options)
     with pytest.raises(SystemExit) as end:
-        stage.run(lambda: crop.main(arguments))
+        stage_cli.run(lambda: crop.main(arguments))
     assert end.value.code == 1
     said = [r for r in caplog.records if r.levelname == "ERROR"]
     assert len(said) == 1 and said[0].exc_info is None
@@ -255,9 +266,11 @@ def test_a_wrong_input_ends_a_stage_in_one_line_and_exit_code_1(here, caplog):
 
 
 def test_still_intervals_leave_out_the_moves(here):
-    poses, _, _ = tables.read(f"{HOME}/mocap.parquet", tables.MOCAP)
-    robot, board = (mocap.trajectory(poses, f"mocap/{b}", 0.05) for b in ("robot", "board"))
-    linear, _ = mocap.speeds(mocap.relative(robot, board), 0.3)
+    poses, _, _ = parquet_tables.read(f"{HOME}/mocap.parquet", table_schemas.MOCAP)
+    robot, board = (
+        body_trajectory.trajectory(poses, f"mocap/{b}", 0.05) for b in ("robot", "board")
+    )
+    linear, _ = stillness.speeds(body_trajectory.relative(robot, board), 0.3)
     assert np.mean(linear[np.isfinite(linear)] > 0.01) > 0.3
 
 
@@ -265,15 +278,15 @@ def test_a_static_transform_that_is_no_pose_is_a_status_and_no_crash(here, tmp_p
     arguments = list(here["guess", "camera"])
     options = json.loads(arguments[-1])
     del options["sensor"]["T_robot_sensor"]
-    audit = stage.read_json(f"{HOME}/log.json")
+    audit = stage_cli.read_json(f"{HOME}/log.json")
     broken = {"xyz_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 0]}
     audit["static"] = [{"parent": "mocap/robot", "child": "camera", "T": broken}]
-    stage.write_json(tmp_path / "log.json", audit)
+    stage_cli.write_json(tmp_path / "log.json", audit)
     output = tmp_path / "guess.json"
     paths = ["--audit", str(tmp_path / "log.json"), "--mocap", "--placements", "--frames"]
     paths += ["--output", str(output)]
     guess.main([*paths, "--options", json.dumps(options)])
-    found = stage.read_json(output)
+    found = stage_cli.read_json(output)
     assert found["T_robot_sensor"] is None
     assert found["status"]["reason"] == "a static transform of the log is no pose"
 
@@ -284,7 +297,7 @@ def test_decode_takes_only_what_lies_between_from_s_and_to_s(here, tmp_path):
     names = ("--mocap", "--frames", "--audit")
     paths = [word for pair in zip(names, outputs, strict=True) for word in pair]
     decode.main([*paths, "--options", json.dumps(options | {"from_s": 1.0, "to_s": 3.0})])
-    frames, _, _ = tables.read(outputs[1], tables.FRAMES)
+    frames, _, _ = parquet_tables.read(outputs[1], table_schemas.FRAMES)
     log_t = frames["log_t"][frames["sensor"] == "velodyne"]
     assert len(log_t) == pytest.approx(20, abs=1)
     assert np.ptp(log_t) <= 2e9

@@ -14,7 +14,8 @@ import gate
 import guess
 import runs
 import solve
-from calib import geometry, rig, stage, tables, yamls
+from calib.geometry import se3
+from calib.io import parquet_tables, pose_block, safe_yaml, stage_cli, table_schemas
 
 ARGUMENTS = (
     f"{runs.SMALL} --range-noise-m 0.01 --image-noise 1.8 --mcs-noise-m 0.00015"
@@ -52,11 +53,11 @@ def ends(here):
             crop.main(here["crop", sensor])
             extract.main(here["extract", sensor])
         associate.main(here["associate", ""])
-        pairs, _, notes = tables.read(f"{HOME}/pairs.parquet", tables.PAIRS)
+        pairs, _, notes = parquet_tables.read(f"{HOME}/pairs.parquet", table_schemas.PAIRS)
         found.append({s: (notes[s]["T_robot_sensor"], members(pairs, s)) for s in SENSORS})
         if len(found) in (1, 1 + len(CORNERS)):
             solve.main(here["solve", ""])
-            solved.append(stage.read_json("results/sim/solution.json")["sensors"])
+            solved.append(stage_cli.read_json("results/sim/solution.json")["sensors"])
     return found, solved
 
 
@@ -64,8 +65,8 @@ def started(arguments, off):
     """Arguments of guess with a stated pose that is off by a twist (6,), its rotation about the
     truth's own axes, and with the default uncertainty."""
     options = json.loads(arguments[-1])
-    truth = yamls.load("config/rigs/sim.yaml")["truth"][options["name"]]
-    T = rig.pose(truth) @ geometry.pose(geometry.so3_exp(off[3:]), off[:3])
+    truth = safe_yaml.load("config/rigs/sim.yaml")["truth"][options["name"]]
+    T = pose_block.pose(truth) @ se3.pose(se3.so3_exp(off[3:]), off[:3])
     options["sensor"]["T_robot_sensor"] = {"matrix": T.tolist()}
     options["sensor"]["guess_sigma"] = options["guess"]["sigma"]
     return [*arguments[:-1], json.dumps(options)]
@@ -93,7 +94,7 @@ def test_the_lidar_s_members_lie_on_both_targets(ends):
 def test_all_starts_give_extraction_one_working_pose_to_5_micrometres(ends, sensor):
     first, *others = (np.array(found[sensor][0]) for found in ends[0])
     for other in others:
-        assert np.abs(geometry.se3_log(geometry.inverse(first) @ other)).max() < 5e-6
+        assert np.abs(se3.se3_log(se3.inverse(first) @ other)).max() < 5e-6
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
@@ -101,6 +102,6 @@ def test_the_result_is_the_same_to_a_hundredth_of_sigma(ends, sensor):
     a, b = (one[sensor] for one in ends[1])
     sigma, again = (np.sqrt(np.diag(one["covariance"])) for one in (a, b))
     T, T_again = (np.array(one["T_robot_sensor"]["matrix"]) for one in (a, b))
-    off = geometry.se3_log(geometry.inverse(T) @ T_again)
+    off = se3.se3_log(se3.inverse(T) @ T_again)
     assert (np.abs(off) < 0.01 * sigma).all()
     np.testing.assert_allclose(again, sigma, rtol=0.01)

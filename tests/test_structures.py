@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 import containers
-from calib.logs.types import Types
-from calib.sim import log
-from calib.status import InputError
+from calib.io.logs.message_types import Types
+from calib.io.status import InputError
+from simulation import ros_log
 
-NAME, POINT = log.LIVOX, "livox_ros_driver2/msg/CustomPoint"
-STORES = {"cdr": log.STORE, "ros1": get_typestore(Stores.ROS1_NOETIC)}
-STORES["ros1"].register({k: log.STORE.fielddefs[k] for k in (NAME, POINT)})
+NAME, POINT = ros_log.LIVOX, "livox_ros_driver2/msg/CustomPoint"
+STORES = {"cdr": ros_log.STORE, "ros1": get_typestore(Stores.ROS1_NOETIC)}
+STORES["ros1"].register({k: ros_log.STORE.fielddefs[k] for k in (NAME, POINT)})
 FIELDS = ("offset_time", "x", "y", "z", "reflectivity", "tag", "line")
 
 
@@ -25,12 +25,12 @@ def message(n, frame="livox"):
     xyz = rng.normal(0, 9, (n, 3)).astype(np.float32).tolist()
     whole = rng.integers(0, 2**32, n).tolist(), rng.integers(0, 256, (n, 3)).tolist()
     points = [
-        log.STORE.types[POINT](**dict(zip(FIELDS, (t, *p, *small), strict=True)))
+        ros_log.STORE.types[POINT](**dict(zip(FIELDS, (t, *p, *small), strict=True)))
         for p, t, small in zip(xyz, *whole, strict=True)
     ]
     stamp = containers.make("builtin_interfaces/msg/Time", sec=1_700_000_000, nanosec=123_456_789)
     header = containers.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
-    return log.STORE.types[NAME](
+    return ros_log.STORE.types[NAME](
         header=header, timebase=2**63 + 5, point_num=n, lidar_id=7,
         rsvd=np.arange(3, dtype=np.uint8), points=points,
     )  # fmt: skip
@@ -40,7 +40,7 @@ def serialised(found, form):
     """Bytes of a message: CDR of either byte order, or ROS 1."""
     if form != "ros1":
         little = form == "cdr, little-endian"
-        return bytes(log.STORE.serialize_cdr(found, NAME, little_endian=little))
+        return bytes(ros_log.STORE.serialize_cdr(found, NAME, little_endian=little))
     types = STORES["ros1"].types
     header = types["std_msgs/msg/Header"](
         seq=3, stamp=found.header.stamp, frame_id=found.header.frame_id
@@ -99,5 +99,5 @@ def test_a_scan_of_24000_points_takes_a_fifth_of_the_time_that_objects_take_or_l
             times.append(time.process_time() - begin)
         return min(times)
 
-    objects = fastest(lambda: log.STORE.deserialize_cdr(data, NAME))
+    objects = fastest(lambda: ros_log.STORE.deserialize_cdr(data, NAME))
     assert fastest(lambda: read.content(data)) < objects / 5

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib import geometry, hypotheses, intrinsics, suspicion
-from calib.hypotheses import all_of
-from calib.hypotheses.of_targets import _with_edges_moved
-from calib.hypothesis import View
-from calib.parts import information
+from calib.diagnosis import suspected_errors
+from calib.estimation.corrections import camera_intrinsics, correction_catalog
+from calib.estimation.corrections.correction import View
+from calib.estimation.corrections.correction_catalog import all_of
+from calib.estimation.corrections.target_errors import _with_edges_moved
+from calib.estimation.nlp.measurement_factor import information
+from calib.geometry import se3
 from synthetic import World, outline_scaled, pattern_scaled, setup, solved, zoomed
 
 MIXED = [("board", None)] * 7 + [("cylinder", None)] * 3
@@ -23,7 +25,9 @@ def found(world, seed=0):
     made = setup(seed, MIXED, world)
     return [
         s
-        for s in suspicion.suspicions(made, solved(made, rounds=20), hypotheses.with_moves(made))
+        for s in suspected_errors.suspicions(
+            made, solved(made, rounds=20), correction_catalog.with_moves(made)
+        )
         if s["chance"] < SURE
     ]
 
@@ -50,7 +54,7 @@ def test_one_number_that_is_wrong_is_named_first_and_to_15_percent(case):
 def test_a_target_frame_off_by_1_cm_is_named_with_its_direction(name, axis):
     off = np.zeros(3)
     off[axis] = 0.01
-    told = found(World(mounts={name: geometry.pose(None, off)}))
+    told = found(World(mounts={name: se3.pose(None, off)}))
     if name == "cylinder" and axis == 0:
         assert told == []  # nothing in use tells where along its axis a cylinder sits
         return
@@ -83,13 +87,15 @@ KNOCK = np.array([0.004, 0.0, 0.006, 0.0, 0.01, 0.0])  # m, rad
 
 def test_a_target_that_is_knocked_half_way_is_named_with_when_and_by_how_much():
     made = setup(0, [("board", None)] * 12)
-    back = geometry.inverse(geometry.se3_exp(KNOCK))
+    back = se3.inverse(se3.se3_exp(KNOCK))
     places = [
         replace(p, T_robot_body=p.T_robot_body @ back) if k >= 6 else p
         for k, p in enumerate(made.placements)
     ]
     made = replace(made, placements=places)
-    first = suspicion.suspicions(made, solved(made, rounds=20), hypotheses.with_moves(made))[0]
+    first = suspected_errors.suspicions(
+        made, solved(made, rounds=20), correction_catalog.with_moves(made)
+    )[0]
     assert (first["name"], first["of"]) == ("slipped", "board") and first["chance"] < 1e-9
     assert "from its placement 7 in session s on" in first["text"]
     np.testing.assert_allclose(first["estimate"], KNOCK, atol=0.0025)
@@ -99,14 +105,16 @@ def test_a_target_that_is_knocked_half_way_is_named_with_when_and_by_how_much():
 def test_a_sensor_that_is_bumped_half_way_is_named_with_when_and_by_how_much():
     made, world, rng = setup(0, [("board", None)] * 12), World(), np.random.default_rng(1)
     T = synthetic.TRUE["camera"]
-    elsewhere = T @ geometry.inverse(geometry.se3_exp(KNOCK)) @ geometry.inverse(T)
+    elsewhere = T @ se3.inverse(se3.se3_exp(KNOCK)) @ se3.inverse(T)
     exact = setup(0, [("board", None)] * 12, mcs=0.0).placements
     groups = [g for g in made.groups if g.sensor == "lidar" or g.placement < 6]
     for k in range(6, 12):
         there = elsewhere @ exact[k].T_robot_body
         groups += synthetic.measured(rng, world, "camera", k, "board", there)
     made = replace(made, groups=groups)
-    first = suspicion.suspicions(made, solved(made, rounds=20), hypotheses.with_moves(made))[0]
+    first = suspected_errors.suspicions(
+        made, solved(made, rounds=20), correction_catalog.with_moves(made)
+    )[0]
     assert (first["name"], first["of"]) == ("bumped", "camera") and first["chance"] < 1e-9
     assert "from its placement 7 in session s on" in first["text"]
     np.testing.assert_allclose(first["estimate"], KNOCK, atol=0.0025)
@@ -137,7 +145,7 @@ def test_a_measurement_at_the_rim_of_its_gate_keeps_its_derivative():
     result = solved(made, rounds=6)
     at = [g.kind for g in made.groups].index("corner")
     group, assigned, part = made.groups[at], result.assigned[at], result.solution.parts[at]
-    lens = intrinsics.lens("camera", made.models["camera"], 4)
+    lens = camera_intrinsics.lens("camera", made.models["camera"], 4)
 
     def derivative(gate):
         narrow = replace(made, associate=made.associate | {"gate_sigma": gate})

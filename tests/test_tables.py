@@ -5,12 +5,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from calib import tables
-from calib.status import OK, InputError, failed
+from calib.io import parquet_tables, table_schemas
+from calib.io.status import OK, InputError, failed
 
 SCHEMAS = {
     value.metadata[b"table"].decode(): value
-    for value in vars(tables).values()
+    for value in vars(table_schemas).values()
     if isinstance(value, pa.Schema)
 }
 every_schema = pytest.mark.parametrize("schema", SCHEMAS.values(), ids=SCHEMAS.keys())
@@ -64,8 +64,8 @@ def test_there_is_a_table_for_every_exchange():
 @every_schema
 def test_a_table_comes_back_exactly(schema, tmp_path):
     columns = example(schema)
-    tables.write(tmp_path / "t.parquet", schema, columns)
-    found, status, notes = tables.read(tmp_path / "t.parquet", schema)
+    parquet_tables.write(tmp_path / "t.parquet", schema, columns)
+    found, status, notes = parquet_tables.read(tmp_path / "t.parquet", schema)
     assert_same(found, columns)
     assert status == OK and notes == {}
 
@@ -73,18 +73,18 @@ def test_a_table_comes_back_exactly(schema, tmp_path):
 @every_schema
 def test_the_same_rows_are_the_same_bytes_also_after_reading_them(schema, tmp_path):
     a, b, c = (tmp_path / name for name in "abc")
-    tables.write(a, schema, example(schema), notes={"y": 1, "x": 2})
-    tables.write(b, schema, example(schema), notes={"x": 2, "y": 1})
-    found, status, notes = tables.read(a, schema)
-    tables.write(c, schema, dict(reversed(found.items())), status, notes)
+    parquet_tables.write(a, schema, example(schema), notes={"y": 1, "x": 2})
+    parquet_tables.write(b, schema, example(schema), notes={"x": 2, "y": 1})
+    found, status, notes = parquet_tables.read(a, schema)
+    parquet_tables.write(c, schema, dict(reversed(found.items())), status, notes)
     assert a.read_bytes() == b.read_bytes() == c.read_bytes()
 
 
 @every_schema
 def test_a_table_of_no_row_comes_back_with_its_types(schema, tmp_path):
-    tables.write(tmp_path / "t.parquet", schema, tables.empty(schema))
-    found, _, _ = tables.read(tmp_path / "t.parquet", schema)
-    assert_same(found, tables.empty(schema))
+    parquet_tables.write(tmp_path / "t.parquet", schema, parquet_tables.empty(schema))
+    found, _, _ = parquet_tables.read(tmp_path / "t.parquet", schema)
+    assert_same(found, parquet_tables.empty(schema))
     some = example(schema)
     for name, column in found.items():
         assert len(column) == 0
@@ -95,8 +95,10 @@ def test_a_table_of_no_row_comes_back_with_its_types(schema, tmp_path):
 
 @every_schema
 def test_columns_of_python_lists_of_no_row_are_accepted(schema, tmp_path):
-    tables.write(tmp_path / "t.parquet", schema, {name: [] for name in schema.names})
-    assert_same(tables.read(tmp_path / "t.parquet", schema)[0], tables.empty(schema))
+    parquet_tables.write(tmp_path / "t.parquet", schema, {name: [] for name in schema.names})
+    assert_same(
+        parquet_tables.read(tmp_path / "t.parquet", schema)[0], parquet_tables.empty(schema)
+    )
 
 
 @every_schema
@@ -110,67 +112,77 @@ def test_every_column_is_required_and_states_what_it_is(schema):
 def test_status_and_notes_survive(tmp_path):
     status = failed("no board found", 0, "1 or more", "Turn the light on.")
     notes = {"left": {"found": 3, "words": "ä"}, "list": [1, 2.5, None]}
-    tables.write(tmp_path / "t", tables.FRAMES, tables.empty(tables.FRAMES), status, notes)
-    _, found, read = tables.read(tmp_path / "t", tables.FRAMES)
+    parquet_tables.write(
+        tmp_path / "t",
+        table_schemas.FRAMES,
+        parquet_tables.empty(table_schemas.FRAMES),
+        status,
+        notes,
+    )
+    _, found, read = parquet_tables.read(tmp_path / "t", table_schemas.FRAMES)
     assert found == status and not found.ok
     assert str(found) == "no board found; found 0; expected 1 or more. Turn the light on."
     assert read == notes
 
 
 def test_a_missing_column_is_refused_with_the_file_and_what_is_expected(tmp_path):
-    columns = example(tables.FRAMES)
+    columns = example(table_schemas.FRAMES)
     del columns["size"]
     with pytest.raises(ValueError, match=r"t\.parquet: columns .*expected .*'size'"):
-        tables.write(tmp_path / "t.parquet", tables.FRAMES, columns)
+        parquet_tables.write(tmp_path / "t.parquet", table_schemas.FRAMES, columns)
     assert not (tmp_path / "t.parquet").exists()
 
 
 def test_an_extra_column_is_refused(tmp_path):
     with pytest.raises(ValueError, match="'colour'"):
-        tables.write(tmp_path / "t", tables.FRAMES, example(tables.FRAMES) | {"colour": [1] * 5})
+        parquet_tables.write(
+            tmp_path / "t",
+            table_schemas.FRAMES,
+            example(table_schemas.FRAMES) | {"colour": [1] * 5},
+        )
 
 
 def test_columns_of_different_length_are_refused(tmp_path):
-    columns = example(tables.FRAMES)
+    columns = example(table_schemas.FRAMES)
     columns["t"] = columns["t"][:-1]
     with pytest.raises(ValueError, match="length"):
-        tables.write(tmp_path / "t", tables.FRAMES, columns)
+        parquet_tables.write(tmp_path / "t", table_schemas.FRAMES, columns)
 
 
 def test_a_fraction_does_not_get_into_a_column_of_whole_numbers(tmp_path):
-    columns = example(tables.FRAMES) | {"t": np.full(5, 0.5)}
+    columns = example(table_schemas.FRAMES) | {"t": np.full(5, 0.5)}
     with pytest.raises(ValueError):
-        tables.write(tmp_path / "t", tables.FRAMES, columns)
+        parquet_tables.write(tmp_path / "t", table_schemas.FRAMES, columns)
 
 
 def test_another_table_is_refused_with_both_names_and_the_remedy(tmp_path):
-    tables.write(tmp_path / "t", tables.FRAMES, example(tables.FRAMES))
+    parquet_tables.write(tmp_path / "t", table_schemas.FRAMES, example(table_schemas.FRAMES))
     with pytest.raises(InputError) as caught:
-        tables.read(tmp_path / "t", tables.MOCAP)
+        parquet_tables.read(tmp_path / "t", table_schemas.MOCAP)
     assert "t holds frames version 1, this stage reads mocap version" in str(caught.value)
     assert "re-run the stage that wrote it" in str(caught.value)
 
 
 def test_another_version_is_refused_with_both_versions(tmp_path):
-    newer = tables.FRAMES.with_metadata({"table": "frames", "version": "99"})
-    tables.write(tmp_path / "t", newer, example(tables.FRAMES))
+    newer = table_schemas.FRAMES.with_metadata({"table": "frames", "version": "99"})
+    parquet_tables.write(tmp_path / "t", newer, example(table_schemas.FRAMES))
     with pytest.raises(
         InputError, match="holds frames version 99, this stage reads frames version"
     ):
-        tables.read(tmp_path / "t", tables.FRAMES)
+        parquet_tables.read(tmp_path / "t", table_schemas.FRAMES)
 
 
 def test_other_columns_under_the_same_name_and_version_are_refused(tmp_path):
-    altered = tables.FRAMES.set(1, pa.field("t", pa.float64(), nullable=False))
-    tables.write(tmp_path / "t", altered, tables.empty(altered))
+    altered = table_schemas.FRAMES.set(1, pa.field("t", pa.float64(), nullable=False))
+    parquet_tables.write(tmp_path / "t", altered, parquet_tables.empty(altered))
     with pytest.raises(InputError, match="re-run the stage that wrote it"):
-        tables.read(tmp_path / "t", tables.FRAMES)
+        parquet_tables.read(tmp_path / "t", table_schemas.FRAMES)
 
 
 def test_a_parquet_file_of_someone_else_is_refused(tmp_path):
     pq.write_table(pa.table({"a": [1]}), tmp_path / "t")
     with pytest.raises(InputError, match=r"holds \? version \?, this stage reads frames"):
-        tables.read(tmp_path / "t", tables.FRAMES)
+        parquet_tables.read(tmp_path / "t", table_schemas.FRAMES)
 
 
 # --- rows
@@ -179,11 +191,11 @@ def test_a_parquet_file_of_someone_else_is_refused(tmp_path):
 @every_schema
 def test_rows_are_selected_by_mask_and_by_index(schema):
     columns = example(schema)
-    by_mask = tables.select(columns, np.array([False, True, False, True, False]))
-    assert_same(by_mask, tables.select(columns, [1, 3]))
+    by_mask = parquet_tables.select(columns, np.array([False, True, False, True, False]))
+    assert_same(by_mask, parquet_tables.select(columns, [1, 3]))
     for name, column in columns.items():
         np.testing.assert_array_equal(by_mask[name][1], column[3])
-    turned = tables.select(columns, np.array([4, 0]))
+    turned = parquet_tables.select(columns, np.array([4, 0]))
     for name, column in columns.items():
         np.testing.assert_array_equal(turned[name][0], column[4])
 
@@ -193,26 +205,29 @@ def test_rows_are_selected_by_mask_and_by_index(schema):
     "rows", [np.zeros(5, bool), np.zeros(0, int), []], ids=["mask", "index", "list"]
 )
 def test_no_row_may_be_selected(schema, rows):
-    assert_same(tables.select(example(schema), rows), tables.empty(schema))
+    assert_same(parquet_tables.select(example(schema), rows), parquet_tables.empty(schema))
 
 
 @every_schema
 def test_parts_are_concatenated_in_order(schema, tmp_path):
     a, b = example(schema, 5, 1), example(schema, 7, 2)
-    both = tables.concatenate([b, a], schema)
-    assert_same(tables.select(both, np.arange(7)), b)
-    assert_same(tables.select(both, np.arange(7, 12)), a)
-    tables.write(tmp_path / "t", schema, both)
-    assert_same(tables.read(tmp_path / "t", schema)[0], both)
+    both = parquet_tables.concatenate([b, a], schema)
+    assert_same(parquet_tables.select(both, np.arange(7)), b)
+    assert_same(parquet_tables.select(both, np.arange(7, 12)), a)
+    parquet_tables.write(tmp_path / "t", schema, both)
+    assert_same(parquet_tables.read(tmp_path / "t", schema)[0], both)
 
 
 @every_schema
 def test_parts_without_a_row_add_nothing(schema):
-    a, none = example(schema), tables.empty(schema)
-    assert_same(tables.concatenate([none, a, none], schema), a)
+    a, none = example(schema), parquet_tables.empty(schema)
+    assert_same(parquet_tables.concatenate([none, a, none], schema), a)
 
 
 @every_schema
 def test_no_part_gives_no_row_of_the_right_types(schema):
-    assert_same(tables.concatenate([], schema), tables.empty(schema))
-    assert_same(tables.concatenate([tables.empty(schema)], schema), tables.empty(schema))
+    assert_same(parquet_tables.concatenate([], schema), parquet_tables.empty(schema))
+    assert_same(
+        parquet_tables.concatenate([parquet_tables.empty(schema)], schema),
+        parquet_tables.empty(schema),
+    )

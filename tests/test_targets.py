@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import erf
 
-from calib import geometry, targets
-from calib.cameras import Camera
-from calib.expressions import ca
-from calib.targets import board, cloud, cylinder, patterns, polygon
-from calib.targets.patterns import subpixel
+from calib.estimation.nlp.symbolic_chain import ca
+from calib.geometry import polygon, se3
+from calib.sensors.camera.camera_model import Camera
+from calib.targets import board, cylinder, target_shapes, template_cloud
+from calib.targets.patterns import gradient_corners, pattern_registry
 from calib.targets.patterns.checkerboard import Checkerboard
 
 SQUARE = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
@@ -72,7 +72,7 @@ def test_the_distance_changes_no_faster_than_the_point_moves(vertices, p, q):
 
 @every_outline
 def test_the_distance_moves_and_turns_with_the_outline(vertices):
-    R, t = geometry.so3_exp([0, 0, 0.7])[:2, :2], np.array([3, -2])
+    R, t = se3.so3_exp([0, 0, 0.7])[:2, :2], np.array([3, -2])
     p = np.random.default_rng(0).uniform(-3, 5, (100, 2))
     there = polygon.signed_distance(vertices @ R.T + t, p @ R.T + t)
     assert there == pytest.approx(polygon.signed_distance(vertices, p), abs=1e-12)
@@ -88,19 +88,21 @@ def test_the_nearest_edge_comes_with_the_fraction_along_its_line():
 
 PATTERN = {"inner_corners": [6, 5], "square_m": 0.08, "first_corner_m": [-0.2, -0.16]}
 PATTERN = {"kind": "checkerboard"} | PATTERN
-BOARD = targets.from_config(
+BOARD = target_shapes.from_config(
     {"shape": "board", "outline_m": (DIAMOND * 0.7071).tolist(), "thickness_m": 0.005}
     | {"pattern": PATTERN}
 )
 WEDGE = board.Board(CONCAVE, 0.01, None)
-CYLINDER = targets.from_config({"shape": "cylinder", "length_m": 0.8, "radius_m": 0.1})
+CYLINDER = target_shapes.from_config({"shape": "cylinder", "length_m": 0.8, "radius_m": 0.1})
 ALL = {"board": BOARD, "wedge": WEDGE, "cylinder": CYLINDER}
 every_shape = pytest.mark.parametrize("target", ALL.values(), ids=ALL.keys())
 
 
 def test_every_shape_is_tested():
     """A cloud has no surface but its points: test_points.py."""
-    assert {type(t) for t in ALL.values()} == set(targets.SHAPES.values()) - {cloud.Cloud}
+    assert {type(t) for t in ALL.values()} == set(target_shapes.SHAPES.values()) - {
+        template_cloud.Cloud
+    }
     assert isinstance(BOARD.pattern, Checkerboard) and CYLINDER.pattern is None
 
 
@@ -264,7 +266,7 @@ def test_labellings_are_permutations_that_contain_the_identity_and_the_half_turn
 @pytest.mark.parametrize("quarters", range(4))
 def test_labellings_of_a_square_grid_contain_every_quarter_turn(quarters):
     pattern = Checkerboard(4, 4, 0.1, (-0.15, -0.15))
-    R = geometry.so3_exp([0, 0, quarters * np.pi / 2])
+    R = se3.so3_exp([0, 0, quarters * np.pi / 2])
     turned = pattern.corners() @ R.T
     assert min(np.abs(pattern.corners()[w] - turned).max() for w in pattern.labellings()) < 1e-12
 
@@ -272,7 +274,7 @@ def test_labellings_of_a_square_grid_contain_every_quarter_turn(quarters):
 def test_every_pattern_says_what_it_expects():
     assert BOARD.pattern.expected == "6 × 5 inner corners"
     tested = {"checkerboard", "charuco"}  # test_charuco.py
-    assert set(patterns.PATTERNS) == tested, "add the new pattern's tests"
+    assert set(pattern_registry.PATTERNS) == tested, "add the new pattern's tests"
 
 
 # --- finding corners
@@ -310,7 +312,7 @@ def _wave(a):
 def facing(xyz, rotvec_deg):
     """T_camera_target of a target at xyz, m, that faces the camera but for a turn."""
     front = np.diag([1.0, -1.0, -1.0])
-    return geometry.pose(front @ geometry.so3_exp(np.radians(rotvec_deg)), xyz)
+    return se3.pose(front @ se3.so3_exp(np.radians(rotvec_deg)), xyz)
 
 
 VIEWS = {
@@ -340,7 +342,7 @@ def test_the_corners_of_a_board_are_found_to_0_02_px(view):
     pattern = Checkerboard(6, 5, 0.08, (-0.2, -0.16))
     T = facing(*view)
     image = np.rint(render(pattern, T)).astype(np.uint8)
-    truth, valid = CAMERA.project(geometry.transform(T, pattern.corners()))
+    truth, valid = CAMERA.project(se3.transform(T, pattern.corners()))
     assert valid.all() and CAMERA.in_image(truth, 10).all()
     assert best(pattern, located(pattern, image), truth) < 0.02
     assert best(pattern, pattern.detect(image), truth) < 0.35
@@ -362,7 +364,7 @@ def centred(columns, rows, first_square=None):
 def test_a_board_in_any_turn_is_read_in_one_of_its_labellings(columns, rows, stated, turn):
     pattern = centred(columns, rows, stated)
     T = facing([0.01, 0.02, 1.1], [8, -6, turn + 4])
-    truth, _ = CAMERA.project(geometry.transform(T, pattern.corners()))
+    truth, _ = CAMERA.project(se3.transform(T, pattern.corners()))
     found = located(pattern, np.rint(render(pattern, T)).astype(np.uint8))
     assert best(pattern, found, truth) < 0.02
 
@@ -439,7 +441,7 @@ def test_a_corner_is_refined_to_0_01_px_from_a_start_that_is_off_by_one(
     truth = 20 + np.array(shift)
     image = corner_image(truth, angles, blur)
     start = truth + [[0.7, -0.6], [-1, 0.3], [0, 0]]
-    found, settled = subpixel.refine(np.rint(image) if rounded else image, start, 6.0)
+    found, settled = gradient_corners.refine(np.rint(image) if rounded else image, start, 6.0)
     assert settled.all()
     assert np.linalg.norm(found - truth, axis=1).max() < limit
 
@@ -447,7 +449,7 @@ def test_a_corner_is_refined_to_0_01_px_from_a_start_that_is_off_by_one(
 def test_a_corner_image_half_a_pixel_aside_is_found_half_a_pixel_aside():
     a, b = (corner_image((20 + d, 20), (10, 100), 1.0) for d in (0, 0.5))
     start = np.array([[20.2, 20.1]])
-    move = subpixel.refine(b, start, 6.0)[0] - subpixel.refine(a, start, 6.0)[0]
+    move = gradient_corners.refine(b, start, 6.0)[0] - gradient_corners.refine(a, start, 6.0)[0]
     assert move[0] == pytest.approx([0.5, 0], abs=0.01)
 
 
@@ -457,5 +459,5 @@ def test_where_no_edges_cross_nothing_settles(kind):
     if kind == "edge":
         image[:, 21:] = 200
         image = cv2.GaussianBlur(image, (0, 0), 1.0)
-    _, settled = subpixel.refine(image, np.array([[20.3, 20.2]]), 6.0)
+    _, settled = gradient_corners.refine(image, np.array([[20.3, 20.2]]), 6.0)
     assert not settled.any()

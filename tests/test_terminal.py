@@ -11,21 +11,20 @@ import numpy as np
 import pytest
 import yaml
 
-from calib import geometry, rig, stage
-from calib.report import (
-    terminal,
-)
+from calib.geometry import se3
+from calib.io import pose_block, stage_cli
+from calib.report.page import terminal_summary
 from reporting import BOARD, POSES, ROOT, SENSORS, SIGMA, UNSEEN, calibration, without_pose
 
 
 def told(result, truth=None, reasons=()):
     """The lines on the terminal."""
     judged = {"verdict": result["verdict"], "reasons": list(reasons)}
-    return terminal.lines(result, judged, truth or {})
+    return terminal_summary.lines(result, judged, truth or {})
 
 
 def test_the_terminal_shows_poses_sigmas_and_errors_in_columns():
-    truth = {n: {"matrix": (T @ geometry.se3_exp(SIGMA)).tolist()} for n, T in POSES.items()}
+    truth = {n: {"matrix": (T @ se3.se3_exp(SIGMA)).tolist()} for n, T in POSES.items()}
     head, left, top = told(calibration(), truth)
     assert head == "robo: PASS"
     assert re.fullmatch(
@@ -44,8 +43,8 @@ def test_the_terminal_takes_ten_lines_of_110_at_most_for_four_sensors():
     result = calibration()
     for name in ("front_camera", "rear_camera"):
         result["sensors"][name] = copy.deepcopy(result["sensors"]["left"])
-        matrix = np.array(POSES["left"]) @ geometry.from_rpy([-12.3, -4.5, 6.7], [1, 0.5, 2])
-        result["sensors"][name]["T_robot_sensor"] = rig.pose_json(matrix)
+        matrix = np.array(POSES["left"]) @ se3.from_rpy([-12.3, -4.5, 6.7], [1, 0.5, 2])
+        result["sensors"][name]["T_robot_sensor"] = pose_block.pose_json(matrix)
     truth = {n: {"matrix": np.eye(4).tolist()} for n in result["sensors"]}
     for lines in (told(result, truth), told(result, {}, [f"reason {i}" for i in range(12)])):
         assert len(lines) <= 9
@@ -107,10 +106,10 @@ def test_the_last_words_are_verdict_poses_and_where_the_report_is(
     monkeypatch.setenv("PWD", str(tmp_path.parent))
     names = common(truth={"left": {"matrix": POSES["left"].tolist()}})
     (tmp_path / "results/robo").mkdir(parents=True)
-    stage.write_json("results/robo/calibration.json", calibration())
+    stage_cli.write_json("results/robo/calibration.json", calibration())
     judged = {"verdict": "warn", "reasons": ["top: why"], "findings": []}
     judged |= {"sensors": {"left": "pass", "top": "warn"}}
-    stage.write_json("results/robo/verdict.json", judged)
+    stage_cli.write_json("results/robo/verdict.json", judged)
     names["last_words"]()
     lines = capsys.readouterr().err.splitlines()
     assert lines[:2] == ["robo: WARN", "  top: why"]

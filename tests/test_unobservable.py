@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import runs
-from calib import geometry
+from calib.geometry import se3
 
 NOISE = "--range-noise-m 0.005 --image-noise 1.8 --mcs-noise-m 0.0001 --mcs-noise-deg 0.01"
 
@@ -62,7 +62,7 @@ def test_what_only_the_prior_tells_stands_in_the_sigma_of_the_sensors(upright):
     _, calibration, truth = upright
     for name, sensor in calibration["sensors"].items():
         T = np.array(truth["sensors"][name]["T_robot_sensor"]["matrix"])
-        off = geometry.se3_log(geometry.inverse(T) @ sensor["T_robot_sensor"]["matrix"])
+        off = se3.se3_log(se3.inverse(T) @ sensor["T_robot_sensor"]["matrix"])
         spread = np.array(sensor["covariance"])
         assert off @ np.linalg.solve(spread, off) / 6 < 2.8, name  # 1 % of honest ones exceed it
         assert np.sqrt(np.trace(spread[:3, :3])) == pytest.approx(0.004, rel=0.1), name

@@ -13,9 +13,12 @@ from hypothesis import strategies as st
 import export
 import guess
 import runs
-from calib import config, geometry, mounting, priors, rig, stage, urdf
-from calib.formats.scene import T_BODY_OPTICAL, Scene, Sensor
-from calib.status import InputError
+from calib.export import urdf_sensor_joints
+from calib.export.calibrated_scene import T_BODY_OPTICAL, Scene, Sensor
+from calib.geometry import se3
+from calib.initial_guess import previous_calibration, stated_pose
+from calib.io import config, pose_block, stage_cli, urdf_file
+from calib.io.status import InputError
 
 ROBOT = """\
 <?xml version='1.0'  encoding="utf-8"?>
@@ -52,8 +55,8 @@ ROBOT = """\
 </robot>
 
 """  # noqa: E501
-T_BASE_LIDAR = geometry.from_rpy([0.31, 0.02, 0.64], [0.02, -0.03, 0.25])
-T_BASE_CAMERA = geometry.from_rpy([0.4, -0.1, 0.6], [-1.6, 0.03, -1.5])
+T_BASE_LIDAR = se3.from_rpy([0.31, 0.02, 0.64], [0.02, -0.03, 0.25])
+T_BASE_CAMERA = se3.from_rpy([0.4, -0.1, 0.6], [-1.6, 0.03, -1.5])
 
 
 def described(parent="base_link", **poses):
@@ -71,18 +74,16 @@ def robot_of(text):
 
 def patched(text, shown):
     data = text.encode()
-    joints = urdf.read(data, "robot.urdf")
-    placed, unplaced = mounting.poses(joints, shown)
-    return urdf.patched(data, joints, placed).decode(), placed, unplaced
+    joints = urdf_file.read(data, "robot.urdf")
+    placed, unplaced = urdf_sensor_joints.poses(joints, shown)
+    return urdf_file.patched(data, joints, placed).decode(), placed, unplaced
 
 
 def same(found, expected):
     """The same SE(3) to 1e-9, and a point goes where it should."""
-    assert np.abs(geometry.se3_log(geometry.inverse(expected) @ found)).max() < 1e-9
+    assert np.abs(se3.se3_log(se3.inverse(expected) @ found)).max() < 1e-9
     p = np.array([0.3, -1.2, 2.5])
-    assert found[:3, :3] @ p + found[:3, 3] == pytest.approx(
-        geometry.transform(expected, p), abs=1e-9
-    )
+    assert found[:3, :3] @ p + found[:3, 3] == pytest.approx(se3.transform(expected, p), abs=1e-9)
 
 
 # --- reading
@@ -90,7 +91,7 @@ def same(found, expected):
 
 def test_joints_are_read_as_another_reader_reads_them():
     robot = robot_of(ROBOT)
-    joints = {j.name: j for j in urdf.read(ROBOT.encode(), "robot.urdf")}
+    joints = {j.name: j for j in urdf_file.read(ROBOT.encode(), "robot.urdf")}
     assert set(joints) == set(robot.joint_map)
     for name, joint in joints.items():
         theirs = robot.joint_map[name]
@@ -113,14 +114,14 @@ def test_joints_are_read_as_another_reader_reads_them():
 )
 def test_what_is_no_urdf_is_refused_in_words(text, words):
     with pytest.raises(InputError) as caught:
-        urdf.read(text.encode(), "robot.urdf")
+        urdf_file.read(text.encode(), "robot.urdf")
     assert words in str(caught.value)
 
 
 def test_an_encoding_in_which_tags_cannot_be_found_is_refused():
     text = ROBOT.replace("utf-8", "utf-16")
     with pytest.raises(InputError, match="encoded as neither UTF-8 nor ASCII; convert it"):
-        urdf.read(text.encode("utf-16"), "robot.urdf")
+        urdf_file.read(text.encode("utf-16"), "robot.urdf")
 
 
 # --- patching
@@ -168,14 +169,14 @@ def test_line_ends_and_a_byte_order_mark_stay():
 
 
 def test_the_parent_may_hang_below_the_base():
-    T_mast_lidar = geometry.from_rpy([0.1, 0.2, 0.3], [0.1, 0.2, 0.3])
+    T_mast_lidar = se3.from_rpy([0.1, 0.2, 0.3], [0.1, 0.2, 0.3])
     text, _, unplaced = patched(ROBOT, described("mast", velodyne=T_mast_lidar))
     assert not unplaced
     same(robot_of(text).get_transform("velodyne", "mast"), T_mast_lidar)
 
 
 def test_the_parent_may_be_a_sensor_of_the_robot():
-    T_lidar_camera = geometry.inverse(T_BASE_LIDAR) @ T_BASE_CAMERA
+    T_lidar_camera = se3.inverse(T_BASE_LIDAR) @ T_BASE_CAMERA
     shown = described("velodyne", velodyne=np.eye(4), camera=T_lidar_camera)
     text, placed, unplaced = patched(ROBOT, shown)
     assert set(placed) == {"camera_link"} and not unplaced
@@ -195,10 +196,10 @@ numbers = st.floats(-3, 3, allow_nan=False)
 @settings(max_examples=60, deadline=None)
 @given(st.lists(numbers, min_size=12, max_size=12))
 def test_any_pose_comes_back_from_the_file(values):
-    lidar, camera = geometry.se3_exp(np.reshape(values, (2, 6)))
+    lidar, camera = se3.se3_exp(np.reshape(values, (2, 6)))
     text, _, _ = patched(ROBOT, described(velodyne=lidar, camera=camera))
-    joints = urdf.read(text.encode(), "robot.urdf")
-    edges = urdf.fixed(joints)
+    joints = urdf_file.read(text.encode(), "robot.urdf")
+    edges = urdf_file.fixed(joints)
     T = edges["base_link", "mast"] @ edges["mast", "velodyne"]
     assert np.abs(T - lidar).max() < 1e-12
     T = T @ edges["velodyne", "camera_link"] @ edges["camera_link", "camera"]
@@ -305,7 +306,7 @@ def test_a_run_writes_the_calibration_into_the_urdf_and_then_plans_nothing(mount
     text = (mounted / "robot.urdf").read_text()
     for name, T_robot_sensor in result(mounted).items():
         found = robot_of(text).get_transform(name, "base_link")
-        same(found, rig.pose(T_BASE_ROBOT) @ T_robot_sensor)
+        same(found, pose_block.pose(T_BASE_ROBOT) @ T_robot_sensor)
     assert not runs.planned(mounted)
     index = (mounted / "results/sim/export/README.md").read_text()
     assert "## robot.urdf" in index and "the joint above link `camera_link`" in index
@@ -343,8 +344,8 @@ def test_guesses_come_from_the_urdf_as_it_was_before_the_calibration(mounted, mo
 
     runs.edit(runs.rig(mounted), forget)
     before = runs.commands(mounted)["guess", "camera"]
-    joints = urdf.read(ROBOT.encode(), "")
-    shown = described(**{n: rig.pose(T_BASE_ROBOT) @ T for n, T in result(mounted).items()})
+    joints = urdf_file.read(ROBOT.encode(), "")
+    shown = described(**{n: pose_block.pose(T_BASE_ROBOT) @ T for n, T in result(mounted).items()})
     export.patch(mounted / "robot.urdf", shown)
     assert (mounted / "robot.urdf").read_text() != ROBOT
     assert runs.commands(mounted)["guess", "camera"] == before
@@ -354,12 +355,12 @@ def test_guesses_come_from_the_urdf_as_it_was_before_the_calibration(mounted, mo
     arguments[arguments.index("--audit") + 1] = str(mounted / "results/sim/sim/log.json")
     monkeypatch.chdir(mounted)
     guess.main(arguments)
-    told = stage.read_json(found)
+    told = stage_cli.read_json(found)
     assert told["source"] == "robot.urdf"
     T = np.eye(4)
     for joint in joints[:4]:
         T = T @ joint.T
-    expected = geometry.inverse(rig.pose(T_BASE_ROBOT)) @ T
+    expected = se3.inverse(pose_block.pose(T_BASE_ROBOT)) @ T
     same(np.array(told["T_robot_sensor"]["matrix"]), expected)
 
 
@@ -370,31 +371,34 @@ RIG = {"body": "mocap/robot", "export": {}, "sensors": {"velodyne": {}, "camera"
 
 def test_an_earlier_calibration_gives_its_poses_by_sensor(tmp_path):
     old = tmp_path / "old.json"
-    poses = {"velodyne": rig.pose_json(T_BASE_LIDAR), "camera": None, "gone": None}
-    stage.write_json(old, {"sensors": {n: {"T_robot_sensor": T} for n, T in poses.items()}})
-    found = priors.read(str(old), RIG)
+    poses = {"velodyne": pose_block.pose_json(T_BASE_LIDAR), "camera": None, "gone": None}
+    stage_cli.write_json(old, {"sensors": {n: {"T_robot_sensor": T} for n, T in poses.items()}})
+    found = previous_calibration.read(str(old), RIG)
     assert set(found) == {"velodyne"} and found["velodyne"]["source"] == "old.json"
     same(np.array(found["velodyne"]["T_robot_sensor"]["matrix"]), T_BASE_LIDAR)
     options = {"name": "velodyne", "sensor": {}, "given": found, "body": "mocap/robot"}
     options["guess"] = {"sigma": {"xyz_m": 0.05, "rpy_deg": 5}}
     audit = {"sensors": {"velodyne": {"frame": "velodyne"}}, "static": []}
-    source, guessed = guess.stated("velodyne", {}, options, audit)
+    source, guessed = stated_pose.stated("velodyne", {}, options, audit)
     assert source == "old.json"
     same(guessed.T_robot_sensor, T_BASE_LIDAR)
 
 
 def test_the_rig_s_own_pose_goes_before_the_file_and_the_file_before_the_log():
-    own, given = {"T_robot_sensor": rig.pose_json(T_BASE_LIDAR)}, rig.pose_json(T_BASE_CAMERA)
+    own, given = (
+        {"T_robot_sensor": pose_block.pose_json(T_BASE_LIDAR)},
+        pose_block.pose_json(T_BASE_CAMERA),
+    )
     own = {"T_robot_sensor": {"matrix": T_BASE_LIDAR.tolist()}}
     options = {"given": {"s": {"source": "old.json", "T_robot_sensor": given}}, "body": "b"}
     options["guess"] = {"sigma": {"xyz_m": 0.05, "rpy_deg": 5}}
     static = [{"parent": "b", "child": "f", "T": {"xyz_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 1]}}]
     audit = {"sensors": {"s": {"frame": "f"}}, "static": static}
-    assert guess.stated("s", own, options, audit)[0] == "config"
-    assert guess.stated("s", {}, options, audit)[0] == "old.json"
-    assert guess.stated("s", {}, options | {"given": {}}, audit)[0] == "tf_static"
+    assert stated_pose.stated("s", own, options, audit)[0] == "config"
+    assert stated_pose.stated("s", {}, options, audit)[0] == "old.json"
+    assert stated_pose.stated("s", {}, options | {"given": {}}, audit)[0] == "tf_static"
     lost = {"s": {"source": "robot.urdf", "static": [static[0] | {"child": "elsewhere"}]}}
-    assert guess.stated("s", {}, options | {"given": lost}, audit)[0] == "tf_static"
+    assert stated_pose.stated("s", {}, options | {"given": lost}, audit)[0] == "tf_static"
 
 
 @pytest.mark.parametrize(
@@ -408,20 +412,20 @@ def test_the_rig_s_own_pose_goes_before_the_file_and_the_file_before_the_log():
 def test_a_file_that_gives_no_guess_is_refused_in_words(tmp_path, content, words):
     (tmp_path / "old.json").write_text(content)
     with pytest.raises(InputError) as caught:
-        priors.read(str(tmp_path / "old.json"), RIG)
+        previous_calibration.read(str(tmp_path / "old.json"), RIG)
     assert words in str(caught.value)
 
 
 def test_a_result_is_not_its_own_first_guess(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="copy it out of results/"):
-        priors.read("results/sim/calibration.json", RIG)
+        previous_calibration.read("results/sim/calibration.json", RIG)
 
 
 def test_a_urdf_that_does_not_know_the_robot_s_body_says_what_to_write(tmp_path):
     (tmp_path / "robot.urdf").write_text(ROBOT)
     with pytest.raises(InputError, match="state as export.parent a link of it, frame, with T_p"):
-        priors.read(str(tmp_path / "robot.urdf"), RIG)
+        previous_calibration.read(str(tmp_path / "robot.urdf"), RIG)
 
 
 # --- what the rig's file says
@@ -453,12 +457,12 @@ def complete(**more):
 )  # fmt: skip
 def test_a_wrong_export_block_is_refused_before_anything_runs(tmp_path, more, words):
     path = tmp_path / "sim.yaml"
-    stage.write_json(path, complete(**more))
+    stage_cli.write_json(path, complete(**more))
     with pytest.raises(InputError) as caught:
         config._rig(str(path))
     assert words in str(caught.value)
 
 
 def test_rep_103_turns_the_optical_frame_into_the_body():
-    T = geometry.from_rpy([0, 0, 0], [-np.pi / 2, 0, -np.pi / 2])
+    T = se3.from_rpy([0, 0, 0], [-np.pi / 2, 0, -np.pi / 2])
     assert np.abs(T - T_BODY_OPTICAL).max() < 1e-15

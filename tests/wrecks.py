@@ -10,9 +10,9 @@ import yaml
 
 import containers
 import simulate
-from calib import tables
-from calib.report import intake
-from calib.sim import files, record
+from calib.io import parquet_tables, table_schemas
+from calib.report.sections import recording_audit
+from simulation import config_and_truth, record_session
 from wrecks_camera import CAMERA
 from wrecks_lidar import LIDAR
 from wrecks_log import LOG
@@ -40,15 +40,15 @@ def simulated(arguments):
     these."""
     args = simulate.parse(["unused", *CLEAN.split(), *arguments.split()])
     sessions, guesses = simulate.draw(args)
-    return sessions, guesses, list(record.messages(sessions[0]))
+    return sessions, guesses, list(record_session.messages(sessions[0]))
 
 
 def write(folder, fault=None):
     """A working directory with the log that has a fault (None: the clean one), config and truth."""
     arguments = fault.simulated if fault else ""
     sessions, guesses, rows = simulated(arguments)
-    files.write_config(folder / "config", "sim", sessions, guesses)
-    files.write_truth(folder / "truth.json", sessions, guesses)
+    config_and_truth.write_config(folder / "config", "sim", sessions, guesses)
+    config_and_truth.write_truth(folder / "truth.json", sessions, guesses)
     (folder / "logs").mkdir(parents=True, exist_ok=True)
     rows = copy.deepcopy(rows)
     if fault and fault.damage:
@@ -92,7 +92,7 @@ def heard(audit):
     run = SimpleNamespace(sessions={"sim": SimpleNamespace(audit=audit)})
     out = [
         f"{where}: {words}" if where[0] == "/" else words
-        for where, words in intake.heard(run, "sim")
+        for where, words in recording_audit.heard(run, "sim")
     ]
     for name, body in sorted(audit["bodies"].items()):
         out += [f"{name}: {n} × {kind}" for kind, n in sorted(body.get("faults", {}).items())]
@@ -120,14 +120,19 @@ def said(folder):
     """All sentences about the log in a working directory that was run, in order of the stages."""
     home = folder / RESULTS / "sim"
     out = heard(json.loads((home / "log.json").read_text()))
-    for sensor, schema in (("camera", tables.VIEWS_CAMERA), ("velodyne", tables.VIEWS_LIDAR)):
+    for sensor, schema in (
+        ("camera", table_schemas.VIEWS_CAMERA),
+        ("velodyne", table_schemas.VIEWS_LIDAR),
+    ):
         guess = json.loads((home / sensor / "guess.json").read_text())
         out += refused(guess["status"])
-        views, status, _ = tables.read(home / sensor / "views.parquet", schema)
+        views, status, _ = parquet_tables.read(home / sensor / "views.parquet", schema)
         reasons = Counter(r for r in map(str, views["reason"]) if r not in USUAL)
         out += [f"{sensor}: {n} views: {why}" for why, n in sorted(reasons.items())]
         out += refused(status.to_dict())
-        _, status, notes = tables.read(home / sensor / "keypoints.parquet", tables.KEYPOINTS)
+        _, status, notes = parquet_tables.read(
+            home / sensor / "keypoints.parquet", table_schemas.KEYPOINTS
+        )
         failures = Counter(
             o["status"]["reason"] for o in notes["outcomes"] if not o["status"]["ok"]
         )

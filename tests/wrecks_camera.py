@@ -5,8 +5,8 @@ import numpy as np
 
 import containers
 import fault
-from calib.sim import log
 from fault import IMAGES, INFO, Fault
+from simulation import ros_log
 
 COMPRESSED = IMAGES + "/compressed"
 
@@ -51,8 +51,8 @@ def compressed(suffix, damage=lambda data, number: data):
                 data = damage(cv2.imencode(suffix, pixels(message))[1].tobytes(), number)
                 fields = {"format": f"mono8; {suffix[1:]} compressed mono8", "data": data}
                 fields["data"] = np.frombuffer(fields["data"], np.uint8)
-                message = containers.make(log.COMPRESSED, header=message.header, **fields)
-                topic, kind, number = COMPRESSED, log.COMPRESSED, number + 1
+                message = containers.make(ros_log.COMPRESSED, header=message.header, **fields)
+                topic, kind, number = COMPRESSED, ros_log.COMPRESSED, number + 1
             out.append((t, topic, kind, message))
         return out
 

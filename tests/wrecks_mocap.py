@@ -3,9 +3,9 @@
 import numpy as np
 
 import fault
-from calib import geometry
-from calib.sim.motion import START_NS
+from calib.geometry import se3
 from fault import BOARD, CYLINDER, MS, POSES, ROBOT, Fault, S, times, transforms
+from simulation.world.smooth_motion import START_NS
 
 
 def zeros(item, number):
@@ -42,11 +42,11 @@ def millimetres(item, number):
 
 
 def y_up(item, number):
-    up = geometry.from_rpy([0, 0, 0], [-np.pi / 2, 0, 0])
+    up = se3.from_rpy([0, 0, 0], [-np.pi / 2, 0, 0])
     p = item.transform.translation
-    T = up @ geometry.from_xyz_quat([p.x, p.y, p.z], fault.xyzw(item))
+    T = up @ se3.from_xyz_quat([p.x, p.y, p.z], fault.xyzw(item))
     p.x, p.y, p.z = T[:3, 3].tolist()
-    fault.quaternion(item, *geometry.to_quat(T).tolist())
+    fault.quaternion(item, *se3.to_quat(T).tolist())
 
 
 def frozen(body, when):

@@ -1,7 +1,7 @@
 """What a run makes sure of before it begins: a config that may be read, room on the disk, and locks
 with a run behind them.
 
-Snakemake reads config.yaml with less care than calib.yamls: it takes the last of a key that stands
+Snakemake reads config.yaml with less care than calib.io.safe_yaml: it takes the last of a key that stands
 twice, and unfolds every alias.
 Snakemake's lock outlives a run that was killed; one of the kernel does not. Every run shares one,
 and so does every job, for jobs go on for a while where Snakemake alone was killed. Who gets it for
@@ -16,8 +16,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(workflow.basedir) / "scripts"))
 
-from calib import yamls
-from calib.status import InputError, printable
+from calib.io import safe_yaml
+from calib.io.status import InputError, printable
 from snakemake.exceptions import WorkflowError
 
 CONFIG_FILE = Path("config/config.yaml")
@@ -59,7 +59,7 @@ def alone(held):
 def require_readable():
     """Stop in words where the config is none that anybody would write."""
     try:
-        yamls.load(CONFIG_FILE)
+        safe_yaml.load(CONFIG_FILE)
     except InputError as error:
         raise WorkflowError(printable(str(error)))
 

@@ -11,9 +11,10 @@ from pathlib import Path
 
 SCRIPTS = Path(workflow.basedir) / "scripts"
 
-from calib import logs, priors
-from calib.config import load
-from calib.status import InputError, printable
+from calib.initial_guess import previous_calibration
+from calib.io.logs import open_log
+from calib.io.config import load
+from calib.io.status import InputError, printable
 from snakemake.exceptions import WorkflowError
 
 # Jobs find the interpreter of Snakemake itself, whether or not its environment is activated.
@@ -33,7 +34,7 @@ def checked(function, *arguments):
 
 CONFIG, RIGS, TARGETS = checked(load, config)
 GIVEN = {
-    name: checked(priors.read, rig["guess_from"], rig)
+    name: checked(previous_calibration.read, rig["guess_from"], rig)
     for name, rig in RIGS.items()
     if "guess_from" in rig
 }
@@ -56,12 +57,12 @@ def targets_of(rig):
 
 
 def log_files(w):
-    return [str(p) for p in checked(logs.files_of, SESSIONS[w.session]["log"])]
+    return [str(p) for p in checked(open_log.files_of, SESSIONS[w.session]["log"])]
 
 
 @cache
 def fingerprint(session):
-    return checked(logs.fingerprint, SESSIONS[session]["log"])
+    return checked(open_log.fingerprint, SESSIONS[session]["log"])
 
 
 def options(**slices):
@@ -342,10 +343,10 @@ def write_index(rigs):
 
 def results(rig, home):
     """The verdict of one rig and the poses of its sensors in a few lines."""
-    from calib.report import terminal  # 0.1 s, which no start should pay
+    from calib.report.page import terminal_summary  # 0.1 s, which no start should pay
 
     found = [json.loads((home / f"{n}.json").read_text()) for n in ("calibration", "verdict")]
-    return terminal.lines(*found, RIGS[rig].get("truth", {}))
+    return terminal_summary.lines(*found, RIGS[rig].get("truth", {}))
 
 
 def complaint(path):

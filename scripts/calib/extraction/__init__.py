@@ -1,25 +1,2 @@
-"""Keypoints of one sensor: found from a guess, then again from the pose that all views agree on.
-
-One function per kind of sensor: (job, views) -> keypoints (columns), [(view, Status)] of every kept
-view, and the working pose T_robot_sensor (4, 4), or None where nothing was found.
-"""
-
-import numpy as np
-
-from calib import tables
-from calib.extraction import camera, lidar
-
-SENSORS = {"camera": camera.extract, "lidar": lidar.extract}
-ONE_VIEW = {"camera": camera.parts_of, "lidar": lidar.around}
-NOISE = {"camera": camera.NOISE, "lidar": lidar.NOISE}  # times σ: from how far members still count
-
-
-def at(kind, job, views, T_robot_sensor):
-    """(keypoints, outcomes) of the kept views whose place is known, at a pose of the sensor."""
-    parts, outcomes = [], []
-    for i in np.flatnonzero(views["kept"]):
-        if int(views["placement"][i]) in job.places:
-            found, status = ONE_VIEW[kind](job, views, i, T_robot_sensor)
-            parts += found
-            outcomes.append((int(views["view"][i]), status))
-    return tables.concatenate(parts, tables.KEYPOINTS), outcomes
+"""Stage extract: keypoints of one sensor, from the initial guess to the working pose that all its
+views agree on. extractor_registry has one extractor per kind of sensor."""

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.targets import patterns, polygon
+from calib.geometry import polygon
+from calib.targets.patterns import pattern_registry
 
 GRAZING = 1e-4  # cosine of incidence below which a beam is taken to run along the plane
 
@@ -26,7 +27,7 @@ class Board:
 
     @classmethod
     def from_config(cls, config):
-        pattern = patterns.from_config(config["pattern"]) if config.get("pattern") else None
+        pattern = pattern_registry.from_config(config["pattern"]) if config.get("pattern") else None
         stated = "outline_m" in config
         vertices = np.asarray(config["outline_m"], float) if stated else pattern.outline
         return cls(vertices, config["thickness_m"], pattern, stated=stated)

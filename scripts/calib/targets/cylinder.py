@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from calib import geometry, limbs
+from calib.geometry import se3
+from calib.targets.color import Color
 
 GRAZING = 0.02  # least cosine of incidence that a ray is taken to have, also one that misses
 
@@ -26,7 +27,7 @@ class Cylinder:
     @classmethod
     def from_config(cls, config):
         color = config.get("color")
-        color = limbs.Color.from_config(color) if color else None
+        color = Color.from_config(color) if color else None
         return cls(config["length_m"], config["radius_m"], color)
 
     @property
@@ -108,12 +109,12 @@ class Cylinder:
         # The centroid of the visible half lies about 0.6 radii before the axis.
         T[:3, 3] = points.mean(0) + 0.6 * self.radius * beam
         free = [1, 2, 4, 5]
-        q = geometry.transform(geometry.inverse(T), points)
+        q = se3.transform(se3.inverse(T), points)
 
         def residual(x):
             xi = np.zeros(6)
             xi[free] = x
-            moved = geometry.transform(geometry.inverse(geometry.se3_exp(xi)), q)
+            moved = se3.transform(se3.inverse(se3.se3_exp(xi)), q)
             return self.distance(*moved.T) / lidar.range_sigma
 
         x = np.zeros(4)

@@ -7,11 +7,11 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from calib.status import OK, Status, failed
-from calib.targets.patterns import edge_model, lopsided
+from calib.io.status import OK, Status, failed
+from calib.targets.patterns import asymmetric_edges, edge_model
 from calib.targets.patterns.checkerboard import ROUNDING, uncovered
-from calib.targets.patterns.corners import Corners
-from calib.targets.patterns.region import FEWEST, Plane, Region, lattice
+from calib.targets.patterns.detected_corners import Corners
+from calib.targets.patterns.image_region import FEWEST, Plane, Region, lattice
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class Charuco:
             found = f"{len(index)} corners"
             return None, failed(f"no {self.name} in the region", found, self.expected)
         sides = plane.sides(cells)
-        fit = lopsided.corrected(region, edge_model.refine(region, uv, *sides), *sides)
+        fit = asymmetric_edges.corrected(region, edge_model.refine(region, uv, *sides), *sides)
         good = uncovered(region, cells, fit)
         if good.sum() < FEWEST:
             found = f"{int(good.sum())} of {len(good)} corners that are clear"

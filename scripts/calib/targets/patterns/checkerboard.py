@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.status import OK, Status, failed
-from calib.targets.patterns import detection, edge_model, grid, lopsided
-from calib.targets.patterns.corners import Corners
-from calib.targets.patterns.region import Plane, Region, lattice
+from calib.io.status import OK, Status, failed
+from calib.targets.patterns import asymmetric_edges, edge_model, grid_growing, opencv_grids
+from calib.targets.patterns.detected_corners import Corners
+from calib.targets.patterns.image_region import Plane, Region, lattice
 
 NEAR = 0.15  # of the spacing: a seed farther from the grid's plane than this is replaced by it
 RESIDUE = 1.3  # of the grid's median residual: what leaves more is covered by something,
@@ -77,11 +77,11 @@ class Checkerboard:
     def detect(self, grey):
         """All corners (n, 2) of a grey image (h, w) uint8 to a third of a pixel, or None: the first
         whole grid that is found, unchecked but for the colours."""
-        for find in (detection.quick, detection.by_sectors):
+        for find in (opencv_grids.quick, opencv_grids.by_sectors):
             uv = self._upright(find(grey, self.columns, self.rows))
             if uv is not None:
                 sides = [np.gradient(uv, axis=a).reshape(-1, 2) for a in (1, 0)]
-                saddle, _ = grid.quadrants(grey, uv.reshape(-1, 2), *sides)
+                saddle, _ = grid_growing.quadrants(grey, uv.reshape(-1, 2), *sides)
                 parity = (-1.0) ** lattice(self.columns, self.rows).sum(-1).reshape(-1)
                 uv = self._from_stated_colour(uv, np.nansum(parity * saddle))
                 return None if uv is None else uv.reshape(-1, 2)
@@ -102,7 +102,7 @@ class Checkerboard:
         something covers are left out.
         """
         region, seen = Region(grey, camera, np.asarray(offset, float)), {}
-        for seeds in detection.candidates(grey, self.columns, self.rows):
+        for seeds in opencv_grids.candidates(grey, self.columns, self.rows):
             if seeds is not None:
                 corners, found = self._verified(region, seeds)
                 if corners:
@@ -114,7 +114,7 @@ class Checkerboard:
 
     def _verified(self, region, seeds):
         """(Corners, Status) of a candidate (r, c, 2), or None and what it is instead."""
-        settled = grid.settle(region, seeds, edge_model.refine)
+        settled = grid_growing.settle(region, seeds, edge_model.refine)
         if settled is None:
             return None, "a grid that lies on no plane or is none"
         uv, sign = settled
@@ -146,7 +146,7 @@ class Checkerboard:
             return None, "a grid that lies on no plane"
         sides = plane.sides(cells)
         fit = edge_model.refine(region, _near(plane, cells, uv.reshape(-1, 2), sides), *sides)
-        fit = lopsided.corrected(region, fit, *sides)
+        fit = asymmetric_edges.corrected(region, fit, *sides)
         good = uncovered(region, cells, fit)
         n, kept = len(good), int(good.sum())
         if kept < FEWEST * n:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from calib.targets.patterns import window
+from calib.targets.patterns import rectified_window
 
 X, Y, FIRST, SECOND, BLUR2, MEAN, SADDLE, LIGHT_X, LIGHT_Y = range(9)
 LARGEST = np.array([2, 2, 0.3, 0.3, 0.5, 255, 255, 0.02, 0.02])  # of a step, in their units
@@ -51,7 +51,7 @@ def refine(region, uv, along, across):
         np.where(whole[:, None], given, instead)
         for given, instead in ((uv, (0, 0)), (along, (10, 0)), (across, (0, 10)))
     )
-    around = window.around(region, uv, along, across)
+    around = rectified_window.around(region, uv, along, across)
     p = _start(around, along, across)
     p, r, J, settled = _fit(around, p)
     information = np.swapaxes(J, 1, 2) @ J

@@ -1,0 +1,1 @@
+"""Developer tool: measures accuracy, cost and robustness; writes docs/benchmark.md."""

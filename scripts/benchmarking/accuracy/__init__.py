@@ -1,0 +1,1 @@
+"""Accuracy against known truth, and whether the covariance covers the error."""

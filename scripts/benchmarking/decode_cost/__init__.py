@@ -1,0 +1,1 @@
+"""Cost of decode against the raw reader."""

@@ -1,0 +1,1 @@
+"""Faults of laboratories, with the options that correct them on and off."""

@@ -1,0 +1,1 @@
+"""The page docs/benchmark.md and its chart."""

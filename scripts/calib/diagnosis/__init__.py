@@ -1,0 +1,2 @@
+"""How good an estimate is: which corrections are needed (model_selection, suspected_errors), leave-
+one-out, observability, next best view, sessions compared, and the files of stage solve."""

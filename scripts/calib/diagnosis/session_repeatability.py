@@ -1,0 +1,97 @@
+"""Every session for itself: how well poses of sensors repeat, and which sensor moved between."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import stats
+
+from calib.diagnosis.observability import UNDETERMINED
+from calib.estimation import estimate_state, pose_chain, solver
+from calib.geometry import se3
+
+
+def alone(setup, result, session):
+    """The Setup of one session's placements; targets, and the robot's markers, which it cannot tell
+    by itself, sit where all sessions together put them."""
+    at = [i for i, p in enumerate(setup.placements) if p.session == session and p.moving is None]
+    index = {k: i for i, k in enumerate(at)}
+    anew = estimate_state.number_of(setup, result.state, pose_chain.MARKERS, session)
+    T = np.eye(4) if anew is None else se3.se3_exp(anew)
+    places = [
+        replace(
+            p,
+            T_robot_body=T @ p.T_robot_body,
+            T_body_target=result.state.mounts.get(p.target, p.T_body_target),
+        )
+        for p in (setup.placements[k] for k in at)
+    ]
+    groups = [
+        replace(g, placement=index[g.placement]) for g in setup.groups if g.placement in index
+    ]
+    seen = {g.sensor for g in groups}
+    kept = [h for h in setup.corrections if not (h.moving or h.session) and h.of in seen]
+    return replace(
+        setup,
+        models={n: m for n, m in setup.models.items() if n in seen},
+        placements=places,
+        groups=groups,
+        mounts={},
+        corrections=tuple(kept),
+    )
+
+
+def poses(setup, result, session, **limits):
+    """{sensor: (twist (6,) from its joint pose, covariance (6, 6))} by one session's data alone, of
+    the sensors that these determine."""
+    own = alone(setup, result, session)
+    start = {n: result.state.T_robot_sensor[n] for n in own.models}
+    found = solver.estimate(own, start, **limits)
+    if found.solution is None:
+        return {}
+    spread, out = found.solution.covariance, {}
+    for i, name in enumerate(sorted(own.models)):
+        block = spread[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]
+        variances = np.diag(block)
+        if (
+            np.isfinite(variances).all()
+            and (variances > 0).all()
+            and (variances < UNDETERMINED**2).all()
+        ):
+            off = se3.inverse(start[name]) @ found.state.T_robot_sensor[name]
+            out[name] = se3.se3_log(off), block
+    return out
+
+
+def repeatability(setup, result, **limits):
+    """[{session, sensor, shift, sigma, others, chance}] of every session that is not alone.
+
+    shift (6,): of the sensor's pose by that session alone from that by the others, m and rad, along
+    the sensor's axes; sigma (6,): what both σ make of it; chance of so much where nothing moved.
+    """
+    names = sorted({p.session for p in setup.placements})
+    if len(names) < 2 or result.solution is None:
+        return []
+    found = {s: poses(setup, result, s, **limits) for s in names}
+    out = []
+    for session in names:
+        for sensor, (xi, block) in found[session].items():
+            rest = [found[s][sensor] for s in names if s != session and sensor in found[s]]
+            if rest:
+                out.append({"session": session, "sensor": sensor, **_against(xi, block, rest)})
+    return out
+
+
+def _against(xi, block, rest):
+    """What a twist (6,) and its covariance (6, 6) say against those of others."""
+    weights = [np.linalg.inv(C) for _, C in rest]
+    both = np.linalg.inv(sum(weights))
+    mean = both @ sum(W @ x for W, (x, _) in zip(weights, rest, strict=True))
+    shift, spread = xi - mean, block + both
+    chance = stats.chi2.sf(shift @ np.linalg.solve(spread, shift), 6)
+    sigma = np.sqrt(np.diag(spread))
+    return {
+        "shift": shift.tolist(),
+        "sigma": sigma.tolist(),
+        "others": len(rest),
+        "chance": float(chance),
+    }

@@ -1,0 +1,2 @@
+"""The nonlinear program: measurements condensed to factors, the joint problem for IPOPT, and
+information matrices."""

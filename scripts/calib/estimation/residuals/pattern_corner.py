@@ -1,0 +1,72 @@
+"""Corners of a printed pattern in an image; paper equation 3."""
+
+import casadi as ca
+import numpy as np
+
+from calib.estimation.residuals.assignment import Assignment
+from calib.geometry import se3
+from calib.sensors.camera import camera_model
+
+UNIT, ROUNDING = "px", 1e-3
+DATA = ("u", "v", "x", "y", "z", "a", "b", "c", "weight")
+
+
+def assign(camera, target, T_sensor_target, keypoints, options, noise):
+    """Corners of each view numbered as the labelling that fits the prediction best.
+
+    The offset common to a view is ignored, because a wrong guess shifts the whole pattern first;
+    a view whose best two labellings fit nearly alike is left out.
+    """
+    corners = target.pattern.corners()
+    uv, valid = camera.project(se3.transform(T_sensor_target, corners))
+    n = len(keypoints["view"])
+    corner = np.full(n, -1)
+    for view in np.unique(keypoints["view"]):
+        rows = np.flatnonzero(keypoints["view"] == view)
+        corner[rows] = _labelling(target.pattern, uv, keypoints, rows)
+    at, whiten = corners[corner], keypoints["whiten"]
+    cosine = target.faces(se3.inverse(T_sensor_target)[:3, 3])[1]
+    return Assignment(
+        nearest=np.where(valid[corner], corner, -1),
+        trust=np.ones(n),
+        cell=np.maximum(corner, 0),
+        own=keypoints["sigma"],
+        value=keypoints["uv"] - uv[corner],
+        range=np.linalg.norm(se3.transform(T_sensor_target, at), axis=1),
+        cosine=np.full(n, cosine),
+        numbers=np.column_stack([keypoints["uv"], at, whiten]),
+        noise=noise,
+        gate=options["gate_sigma"],
+        whiten=whiten,
+    )
+
+
+def _labelling(pattern, predicted, keypoints, rows):
+    """Corner of each row of one view, or -1 for all when two labellings fit nearly alike."""
+    options, misfit = readings(pattern, predicted, keypoints, rows)
+    if len(options) == 1:
+        return options[0]
+    best, second = np.argsort(misfit)[:2]
+    return options[best] if misfit[best] < 0.5 * misfit[second] else -1
+
+
+def readings(pattern, predicted, keypoints, rows):
+    """Corners (m, k) of the rows (k,) of one view by each labelling, and how far (m,), px, rms, the
+    measured ones then lie from predicted pixels, but for an offset that they share."""
+    options = pattern.labellings()[:, keypoints["index"][rows]]
+    away = keypoints["uv"][rows] - predicted[options]
+    away -= away.mean(1, keepdims=True)
+    return options, np.sqrt((away**2).sum(-1).mean(-1))
+
+
+def residual(camera, target):
+    """The measured pixel minus the projected point of the target, whitened, over σ; (2)."""
+    project = camera_model.MODELS[camera.model].project
+
+    def of(R, t, d):
+        p = R @ d[2:5] + t
+        u, v = project(camera.params, p[0], p[1], p[2])
+        du, dv = d[0] - u, d[1] - v
+        return ca.vertcat(d[5] * du + d[6] * dv, d[7] * dv) * d[8]
+
+    return of

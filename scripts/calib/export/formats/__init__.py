@@ -1,0 +1,1 @@
+"""Export formats: format_registry lists them, one file per format."""

@@ -1,0 +1,198 @@
+"""SO(3) and SE(3) on arrays, batched over leading axes.
+
+A pose is a (..., 4, 4) matrix T_a_b that maps points of frame b into frame a. A twist is
+xi = (v, w), m and rad, in the order of every covariance of this project: (tx ty tz rx ry rz).
+Perturbations stand on the right: T Exp(xi), hence along the axes of frame b.
+Closed forms: Barfoot, State Estimation for Robotics, section 8.1.
+"""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from calib.geometry.numpy_or_casadi import where
+
+SERIES_BELOW = 0.04  # θ², rad²: with six terms both branches agree there to 1e-16
+SERIES_A = (1, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800)
+SERIES_B = (1 / 2, -1 / 24, 1 / 720, -1 / 40320, 1 / 3628800, -1 / 479001600)
+SERIES_C = (1 / 6, -1 / 120, 1 / 5040, -1 / 362880, 1 / 39916800, -1 / 6227020800)
+SERIES_D = (1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160, 691 / 1307674368000)
+
+
+def _horner(series, s):
+    total = series[-1]
+    for c in reversed(series[:-1]):
+        total = total * s + c
+    return total
+
+
+def exp_coefficients(s):
+    """(sin θ)/θ, (1 - cos θ)/θ², (θ - sin θ)/θ³ of s = θ², array or expression, smooth at 0."""
+    small = s < SERIES_BELOW
+    safe = where(small, 1.0, s)
+    theta = np.sqrt(safe)
+    sine, cosine = np.sin(theta), np.cos(theta)
+    return (
+        where(small, _horner(SERIES_A, s), sine / theta),
+        where(small, _horner(SERIES_B, s), (1 - cosine) / safe),
+        where(small, _horner(SERIES_C, s), (theta - sine) / (safe * theta)),
+    )
+
+
+def hat(w):
+    """Skew matrices (..., 3, 3) of w (..., 3): hat(w) p = w × p."""
+    w = np.asarray(w, float)
+    out = np.zeros(w.shape + (3,))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -w[..., 2], w[..., 1], -w[..., 0]
+    return out - np.swapaxes(out, -1, -2)
+
+
+def so3_exp(w):
+    """Rotations (..., 3, 3) of the rotation vectors w (..., 3), rad."""
+    w = np.asarray(w, float)
+    return Rotation.from_rotvec(w.reshape(-1, 3)).as_matrix().reshape(w.shape + (3,))
+
+
+def so3_log(R):
+    """Rotation vectors (..., 3), rad, of norm at most π, of R (..., 3, 3)."""
+    R = np.asarray(R, float)
+    return Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(R.shape[:-1])
+
+
+def so3_left_jacobian(w):
+    """J (..., 3, 3) with Exp(w + dw) = Exp(J dw) Exp(w) to first order."""
+    w = np.asarray(w, float)
+    K = hat(w)
+    _, b, c = exp_coefficients(np.sum(w * w, -1)[..., None, None])
+    return np.eye(3) + b * K + c * (K @ K)
+
+
+def so3_left_jacobian_inverse(w):
+    """Inverse of so3_left_jacobian, (..., 3, 3), for |w| < 2π."""
+    w = np.asarray(w, float)
+    s = np.sum(w * w, -1)[..., None, None]
+    small = s < SERIES_BELOW
+    safe = np.where(small, 1.0, s)
+    half = np.sqrt(safe) / 2
+    d = np.where(small, _horner(SERIES_D, s), (1 - half / np.tan(half)) / safe)
+    K = hat(w)
+    return np.eye(3) - K / 2 + d * (K @ K)
+
+
+def pose(R=None, t=None):
+    """(..., 4, 4) from R (..., 3, 3) and t (..., 3); what is left out is the identity."""
+    R = np.eye(3) if R is None else np.asarray(R, float)
+    t = np.zeros(3) if t is None else np.asarray(t, float)
+    T = np.zeros(np.broadcast_shapes(R.shape[:-2], t.shape[:-1]) + (4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, t, 1
+    return T
+
+
+def from_xyz_quat(xyz, quat_xyzw):
+    """(..., 4, 4) from xyz (..., 3), m, and quaternions xyzw (..., 4)."""
+    q = np.array(quat_xyzw, float)  # a copy: SciPy writes to what it is given
+    R = Rotation.from_quat(q.reshape(-1, 4)).as_matrix().reshape(q.shape[:-1] + (3, 3))
+    return pose(R, xyz)
+
+
+def to_quat(T):
+    """Quaternions xyzw (..., 4), w ≥ 0, of T (..., 4, 4)."""
+    T = np.asarray(T, float)
+    q = Rotation.from_matrix(T[..., :3, :3].reshape(-1, 3, 3)).as_quat(canonical=True)
+    return q.reshape(T.shape[:-2] + (4,))
+
+
+def from_rpy(xyz, rpy):
+    """(4, 4) from xyz, m, and roll, pitch, yaw, rad: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    return pose(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
+
+
+def to_rpy(T):
+    """Roll, pitch, yaw (3,), rad, of T (4, 4): R = Rz(yaw) Ry(pitch) Rx(roll).
+
+    Where the pitch is at or near ±90° yaw and roll are not told apart, but R is still met to
+    rounding: what is left of R without the yaw, however wrong that is, gives the other two.
+    """
+    R = np.asarray(T, float)[:3, :3]
+    yaw = np.arctan2(R[1, 0], R[0, 0])
+    rest = so3_exp([0, 0, -yaw]) @ R
+    return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), np.arctan2(-rest[2, 0], rest[0, 0]), yaw])
+
+
+def se3_exp(xi):
+    """Poses (..., 4, 4) of the twists xi (..., 6)."""
+    xi = np.asarray(xi, float)
+    v, w = xi[..., :3], xi[..., 3:]
+    return pose(so3_exp(w), (so3_left_jacobian(w) @ v[..., None])[..., 0])
+
+
+def se3_log(T):
+    """Twists (..., 6) of the poses T (..., 4, 4)."""
+    T = np.asarray(T, float)
+    w = so3_log(T[..., :3, :3])
+    v = (so3_left_jacobian_inverse(w) @ T[..., :3, 3:])[..., 0]
+    return np.concatenate([v, w], -1)
+
+
+def inverse(T):
+    """T_b_a (..., 4, 4) of T_a_b."""
+    R_t = np.swapaxes(T[..., :3, :3], -1, -2)
+    return pose(R_t, -(R_t @ T[..., :3, 3:])[..., 0])
+
+
+def transform(T, p):
+    """Points p (..., 3) of frame b in frame a, T = T_a_b (4, 4) or broadcast against p."""
+    return (T[..., :3, :3] @ np.asarray(p, float)[..., None])[..., 0] + T[..., :3, 3]
+
+
+def adjoint(T):
+    """Ad(T) (..., 6, 6): T Exp(xi) T⁻¹ = Exp(Ad(T) xi)."""
+    R = T[..., :3, :3]
+    out = np.zeros(T.shape[:-2] + (6, 6))
+    out[..., :3, :3] = out[..., 3:, 3:] = R
+    out[..., :3, 3:] = hat(T[..., :3, 3]) @ R
+    return out
+
+
+def angle(T):
+    """Geodesic rotation angle (...), rad, of T (..., 4, 4)."""
+    return np.linalg.norm(so3_log(T[..., :3, :3]), axis=-1)
+
+
+def interpolate(T0, T1, alpha):
+    """Poses at the fractions alpha (...) of the geodesic from T0 to T1 (..., 4, 4)."""
+    return T0 @ se3_exp(np.asarray(alpha)[..., None] * se3_log(inverse(T0) @ T1))
+
+
+def mean(T):
+    """Intrinsic mean (4, 4) of poses T (n, 4, 4), and deviations xi (n, 6): T = mean Exp(xi)."""
+    centre = T[len(T) // 2]
+    for _ in range(20):
+        xi = se3_log(inverse(centre) @ T)
+        step = xi.mean(0)
+        centre = centre @ se3_exp(step)
+        if np.abs(step).max() < 1e-14:
+            break
+    return centre, se3_log(inverse(centre) @ T)
+
+
+def covariance_of_inverse(T_a_b, covariance):
+    """Covariance (6, 6) of T_b_a, right perturbation, given that of T_a_b."""
+    A = adjoint(T_a_b)
+    return A @ covariance @ A.T
+
+
+def covariance_of_relative(T_r_a, T_r_b, joint):
+    """Covariance (6, 6) of T_a_b = T_r_a⁻¹ T_r_b from the joint one (12, 12) of (T_r_a, T_r_b)."""
+    J = np.hstack([-adjoint(inverse(T_r_b) @ T_r_a), np.eye(6)])
+    return J @ joint @ J.T
+
+
+def between(a, b):
+    """The rotation (3, 3) that turns a (3,) to the direction of b (3,), the short way."""
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    axis, cosine = np.cross(a, b), a @ b
+    sine = np.linalg.norm(axis)
+    if sine < 1e-9:
+        aside = np.linalg.svd(a[None])[2][1]
+        return np.eye(3) if cosine > 0 else so3_exp(np.pi * aside)
+    return so3_exp(axis / sine * np.arctan2(sine, cosine))

@@ -1,0 +1,172 @@
+"""What users write, loaded, validated and completed once, at the workflow's edge.
+
+Defaults live in the schemas alone. An unknown key is refused with its path and the nearest name.
+"""
+
+import difflib
+import hashlib
+from functools import cache
+from pathlib import Path
+
+import jsonschema
+import yaml
+
+from calib.io import safe_yaml
+from calib.io.status import InputError
+
+SCHEMAS = Path(__file__).parents[3] / "workflow" / "schemas"
+LONGEST = 500  # characters of what is said of a wrong value, which may be long itself
+LARGEST = 1e18
+LOOSE_M, LOOSE_DEG = 0.1, 20  # alignment_sigma of a target from which its mount counts as unknown
+
+
+@cache
+def schema(kind):
+    """The JSON Schema of config, rig, target, calibration or verdict."""
+    return yaml.safe_load((SCHEMAS / f"{kind}.schema.yaml").read_text())
+
+
+def _fill(validator, properties, instance, whole):
+    """Set the defaults of absent properties, then check them as jsonschema does."""
+    if isinstance(instance, dict):
+        for name, sub in properties.items():
+            if "default" in sub and name not in instance:
+                instance[name] = yaml.safe_load(yaml.safe_dump(sub["default"]))
+    yield from jsonschema.Draft202012Validator.VALIDATORS["properties"](
+        validator, properties, instance, whole
+    )
+
+
+Validator = jsonschema.validators.extend(jsonschema.Draft202012Validator, {"properties": _fill})
+
+
+def complete(kind, instance, where):
+    """`instance` with every default in place; `where` names the file in messages.
+
+    Raises InputError with the path of the first wrong key, what is wrong, and the remedy.
+    """
+    if not isinstance(instance, dict):
+        raise InputError(f"{where}: holds {type(instance).__name__}, expected keys and values")
+    _finite(instance, where)
+    found = Validator(schema(kind)).iter_errors(instance)
+    errors = sorted(found, key=lambda e: list(map(str, e.path)))
+    # A wrong kind or shape comes before what its own schema would have said.
+    errors = [e for e in errors if not {"then", "else"} & set(e.schema_path)] or errors
+    if errors:
+        raise InputError(f"{where}: {_explain(jsonschema.exceptions.best_match(errors))[:LONGEST]}")
+    return instance
+
+
+def _finite(value, where, path=()):
+    """Raise InputError for a number that is none, or that no float can hold."""
+    inside = value.items() if isinstance(value, dict) else ()
+    inside = enumerate(value) if isinstance(value, list) else inside
+    for key, part in inside:
+        _finite(part, where, (*path, str(key)))
+    if isinstance(value, int | float) and not abs(value) < LARGEST:
+        raise InputError(f"{where}: {'.'.join(path)}: {str(value)[:20]} is no number that any has")
+
+
+def defaults():
+    """The blocks of config.yaml by name as they are where nothing is stated."""
+    least = {"sessions": {"any": {"rig": "any", "log": "any"}}}
+    found = complete("config", least, "defaults")
+    return {k: v for k, v in found.items() if k != "sessions"}
+
+
+def _explain(error):
+    path = ".".join(str(p) for p in error.absolute_path) or "top level"
+    if error.validator == "additionalProperties":
+        allowed = sorted(error.schema.get("properties", {}))
+        # YAML reads 007, on and 2026-03-01 as keys that are no text.
+        unknown = sorted(str(k) for k in error.instance if k not in allowed)[0]
+        return f"{path}: unknown key {unknown}; {_nearest(unknown, allowed)}"
+    if error.validator == "required":
+        missing = sorted(set(error.validator_value) - set(error.instance))
+        return f"{path}: missing key {missing[0]}"
+    if error.validator == "oneOf":
+        expected = error.schema.get("description", error.message)
+        return f"{path}: {error.instance}; expected {expected}"
+    if error.validator == "not" and "description" in error.validator_value:
+        return f"{path}: {error.validator_value['description']}"
+    if error.validator == "not":
+        return f"{path}: {error.instance} is a reserved name; choose another"
+    if error.validator == "pattern":
+        remedy = "use a-z, 0-9, _ and -, first a letter or digit, 64 at most"
+        return f"{path}: {error.instance!r} is no name; {remedy}"
+    return f"{path}: {error.message}"
+
+
+def load(config, folder="config"):
+    """(config, rigs, targets) by name, complete, of a loaded config.yaml and its folder."""
+    config = complete("config", config, f"{folder}/config.yaml")
+    names = sorted({s["rig"] for s in config["sessions"].values()})
+    rigs = {n: _rig(f"{folder}/rigs/{n}.yaml") for n in names}
+    files = sorted(Path(folder, "targets").glob("*.yaml"))
+    for file in files:
+        _check_name(file)
+    targets = {f.stem: _target(f"{folder}/targets/{f.name}") for f in files}
+    for name, session in config["sessions"].items():
+        session["targets"] = _choose(session.get("targets"), targets, name, "targets", folder)
+        sensors = rigs[session["rig"]]["sensors"]
+        session["sensors"] = _choose(session.get("sensors"), sensors, name, "sensors", folder)
+    return config, rigs, targets
+
+
+def _named(kind, path):
+    return complete(kind, safe_yaml.load(path), path)
+
+
+def _rig(path):
+    """A rig whose files are there and whose exports name sensors that it has."""
+    rig = _named("rig", path)
+    export, sensors = rig["export"], rig["sensors"]
+    for key, file in (("guess_from", rig.get("guess_from")), ("export.urdf", export.get("urdf"))):
+        if file and not Path(file).is_file():
+            raise InputError(f"{path}: {key}: no file {file} in {Path.cwd()}")
+    named = {"export.body_frames": export["body_frames"], "export.parent": {}}
+    if "sensor" in export.get("parent", {}):
+        named["export.parent"] = [export["parent"]["sensor"]]
+    for key, names in named.items():
+        for name in sorted(set(names) - set(sensors)):
+            raise InputError(f"{path}: {key}: no sensor {name}; {_nearest(name, sensors)}")
+    return rig
+
+
+def _target(path):
+    """A target; a template that it names is known by its content, so that a change re-runs. One
+    whose place in its body is stated so loosely that nothing can be found by it has none."""
+    target = _named("target", path)
+    loose = target["alignment_sigma"]
+    if target.get("pattern") and (loose["xyz_m"] > LOOSE_M or loose["rpy_deg"] > LOOSE_DEG):
+        target["mount"] = "unknown"
+    template = target["points"].get("template_file")
+    if template:
+        if not Path(template).is_file():
+            raise InputError(f"{path}: points.template_file: no file {template} in {Path.cwd()}")
+        target["points"]["sha256"] = hashlib.sha256(Path(template).read_bytes()).hexdigest()
+    return target
+
+
+def _check_name(file):
+    """Raise InputError unless the stem of a file can name what the file holds."""
+    for error in Validator(schema("config")["$defs"]["name"]).iter_errors(file.stem):
+        raise InputError(_explain(error).replace("top level", str(file), 1))
+
+
+def _choose(wanted, known, session, what, folder):
+    if not known:
+        raise InputError(f"{folder}/{what}: no file there; a calibration needs at least one")
+    for name in wanted or ():
+        if name not in known:
+            raise InputError(
+                f"{folder}/config.yaml: sessions.{session}.{what}: no {name} there; "
+                + _nearest(name, known)
+            )
+    return sorted(wanted or known)
+
+
+def _nearest(name, known):
+    """What to say of a name that is not among those known."""
+    near = difflib.get_close_matches(name, known, 1)
+    return f"did you mean {near[0]}?" if near else f"known: {', '.join(sorted(known))}"

@@ -1,0 +1,81 @@
+"""The command line that every stage script shares."""
+
+import argparse
+import json
+import logging
+import os
+import resource
+import sys
+import time
+from pathlib import Path
+
+from calib.io import atomic_files
+from calib.io.status import InputError, printable
+
+logger = logging.getLogger("calib")
+# When the interpreter started: until here it has only been computing.
+BEGIN = time.perf_counter() - time.process_time()
+
+
+def parser(doc, **arguments):
+    """A parser with the stage's docstring as help; each argument is --name with its help text.
+
+    A help text that begins with "*" makes the argument take any number of values.
+    """
+    p = argparse.ArgumentParser(
+        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    for name, text in arguments.items():
+        flag = "--" + name.replace("_", "-")
+        if name == "options":
+            p.add_argument(flag, required=True, type=json.loads, help=text)
+        elif text.startswith("*"):
+            p.add_argument(flag, required=True, nargs="*", type=Path, help=text[1:].strip())
+        else:
+            p.add_argument(flag, required=True, type=Path, help=text)
+    return p
+
+
+class Printable(logging.Formatter):
+    """Lines that may hold names from a log."""
+
+    def format(self, record):
+        return printable(super().format(record))
+
+
+def run(main):
+    """Call a stage's main: a wrong input ends in one clear line and exit code 1, not in a trace."""
+    logging.basicConfig(stream=sys.stderr, level=logging.INFO)
+    logging.getLogger().handlers[0].setFormatter(Printable("%(message)s"))
+    try:
+        main()
+        _log_cost(Path(sys.argv[0]).stem)
+    except InputError as error:
+        logger.error("error: %s", error)
+        sys.exit(1)
+
+
+def _log_cost(name):
+    """What the job took since the interpreter started, as its log's last line."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    wall = time.perf_counter() - BEGIN
+    cost = wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+    logger.info("%s took %.2f s, %.2f s CPU, %.0f MB", name, *cost)
+
+
+def limit_threads():
+    """Hold OpenCV to the threads that Snakemake granted; it does not ask by itself."""
+    import cv2
+
+    cv2.setNumThreads(int(os.environ.get("OMP_NUM_THREADS", "1")))
+
+
+def write_json(path, content):
+    """Write content as sorted, indented JSON; NaN and infinity are an error."""
+    text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    atomic_files.write(path, text)
+
+
+def read_json(path):
+    """The content of a JSON file."""
+    return json.loads(Path(path).read_text())

@@ -1,0 +1,15 @@
+"""vicon_receiver's own message: without a header in most versions, millimetres, 32-bit floats."""
+
+from calib.mocap.messages.body_pose import Pose, stamp_ns
+
+LOCAL = "its parent segment"  # of a pose whose translation_type is Local
+
+
+def position(content):
+    """The pose of a Position: body subject/segment."""
+    m = content
+    header = getattr(m, "header", None)
+    parent = LOCAL if m.translation_type.lower() == "local" else ""
+    body = f"{m.subject_name}/{m.segment_name}"
+    xyz, quat = (m.x_trans, m.y_trans, m.z_trans), (m.x_rot, m.y_rot, m.z_rot, m.w)
+    return [Pose(parent, body, header and stamp_ns(header), xyz, quat, several=False)]

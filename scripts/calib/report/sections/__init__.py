@@ -1,0 +1,1 @@
+"""Sections of the report: each file computes the tables of one section."""

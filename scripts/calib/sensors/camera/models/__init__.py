@@ -1,0 +1,1 @@
+"""Lens models, one file each: project, unproject and the domain where the model holds."""

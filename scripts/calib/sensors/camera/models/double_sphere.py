@@ -1,0 +1,43 @@
+"""Double sphere of Usenko, Demmel and Cremers (2018), equations 40 to 49."""
+
+import numpy as np
+
+from calib.geometry.numpy_or_casadi import where
+
+PARAMS = ("fx", "fy", "cx", "cy", "xi", "alpha")
+OPTIONAL = ()
+
+
+def project(k, x, y, z):
+    """Equation 40; outside the domain finite and without meaning."""
+    xi, alpha = k[4], k[5]
+    r2 = x * x + y * y
+    d1 = np.sqrt(r2 + z * z + 1e-300)
+    shifted = xi * d1 + z
+    d2 = np.sqrt(r2 + shifted * shifted + 1e-300)
+    raw = alpha * d2 + (1 - alpha) * shifted
+    denominator = where(raw > 1e-12, raw, 1.0)
+    return k[0] * x / denominator + k[2], k[1] * y / denominator + k[3]
+
+
+def domain(k, x, y, z):
+    """Equations 43 to 45."""
+    xi, alpha = k[4], k[5]
+    w1 = alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha
+    w2 = (w1 + xi) / np.sqrt(2 * w1 * xi + xi * xi + 1)
+    d1 = np.sqrt(x * x + y * y + z * z)
+    return (z > -w2 * d1) & (d1 > 1e-9)
+
+
+def unproject(k, u, v):
+    """Equations 46 to 49; ok is false beyond the image of the domain."""
+    xi, alpha = k[4], k[5]
+    mx, my = (u - k[2]) / k[0], (v - k[3]) / k[1]
+    r2 = mx * mx + my * my
+    under = 1 - (2 * alpha - 1) * r2
+    ok = under >= 0
+    mz = (1 - alpha * alpha * r2) / (alpha * np.sqrt(np.where(ok, under, 0.0)) + 1 - alpha)
+    inside = mz * mz + (1 - xi * xi) * r2
+    ok &= inside >= 0
+    scale = (mz * xi + np.sqrt(np.where(ok, inside, 0.0))) / (mz * mz + r2)
+    return scale * mx, scale * my, scale * mz - xi, ok

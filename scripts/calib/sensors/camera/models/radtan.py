@@ -1,0 +1,69 @@
+"""Pinhole with radial-tangential distortion, as OpenCV's k1 k2 p1 p2 k3; zeros: a plain pinhole."""
+
+import numpy as np
+
+from calib.geometry.numpy_or_casadi import where
+from calib.sensors.camera.models.polynomial_roots import first_positive_root
+
+PARAMS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+OPTIONAL = ("k3",)
+
+
+def _distort(k, x, y):
+    _, _, _, _, k1, k2, p1, p2, k3 = k
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return (
+        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+        y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+    )
+
+
+def _slopes(k, x, y):
+    """Derivatives of _distort: of its first by x, of either by the other's, of its second by y."""
+    _, _, _, _, k1, k2, p1, p2, k3 = k
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
+    xx = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x
+    yy = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
+    return xx, slope * x * y + 2 * p1 * x + 2 * p2 * y, yy
+
+
+def project(k, x, y, z):
+    depth = where(z > 1e-9, z, 1.0)
+    a, b = _distort(k, x / depth, y / depth)
+    return k[0] * a + k[2], k[1] * b + k[3]
+
+
+def domain(k, x, y, z):
+    """In front of the camera and inside the radius at which the radial distortion turns back.
+
+    The tangential distortion turns back a little earlier on one side.
+    """
+    k1, k2, k3 = k[4], k[5], k[8]
+    limit = first_positive_root([7 * k3, 5 * k2, 3 * k1, 1])
+    front = z > 1e-9
+    depth = np.where(front, z, 1.0)
+    xx, xy, yy = _slopes(k, x / depth, y / depth)
+    return front & (x * x + y * y < limit * z * z) & (xx * yy > xy * xy)
+
+
+def unproject(k, u, v):
+    """Newton's method on the distortion; ok is false where it does not return to the pixel."""
+    goal_x, goal_y = (u - k[2]) / k[0], (v - k[3]) / k[1]
+    x, y = goal_x.copy(), goal_y.copy()
+    with np.errstate(all="ignore"):
+        for _ in range(30):
+            a, b = _distort(k, x, y)
+            xx, xy, yy = _slopes(k, x, y)
+            determinant = xx * yy - xy * xy
+            ex, ey = goal_x - a, goal_y - b
+            x = x + (yy * ex - xy * ey) / determinant
+            y = y + (xx * ey - xy * ex) / determinant
+        a, b = _distort(k, x, y)
+        ok = np.hypot(a - goal_x, b - goal_y) < 1e-10 * (1 + np.hypot(goal_x, goal_y))
+        ok &= domain(k, x, y, np.ones_like(x))
+    x, y = np.where(ok, x, 0.0), np.where(ok, y, 0.0)
+    norm = np.sqrt(x * x + y * y + 1)
+    return x / norm, y / norm, 1 / norm, ok

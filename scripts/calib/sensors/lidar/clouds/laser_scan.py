@@ -1,0 +1,24 @@
+"""sensor_msgs/LaserScan: ranges of a 2-D scanner in the x-y plane of its frame."""
+
+import numpy as np
+
+from calib.io.logs import message_headers
+from calib.sensors.lidar.clouds import raw_cloud
+
+
+def read(message):
+    """Raw of all beams; time_increment holds the time of each, s after the stamp, if stated."""
+    ranges = np.asarray(message.ranges, float)
+    n = len(ranges)
+    angle = np.nan_to_num(message.angle_min + message.angle_increment * np.arange(n))
+    seen = (ranges >= message.range_min) & (ranges <= message.range_max) & (ranges > 0)
+    ranges = np.where(seen, ranges, 0.0)
+    fields = {
+        "x": ranges * np.cos(angle),
+        "y": ranges * np.sin(angle),
+        "z": np.zeros(n),
+        "ring": np.zeros(n, np.int32),
+    }
+    if message.time_increment:
+        fields["time_increment"] = message.time_increment * np.arange(n)
+    return raw_cloud.of(message_headers.stamp_ns(message), fields, (1, n))

@@ -1,0 +1,17 @@
+"""CustomMsg of livox_ros_driver and livox_ros_driver2: points with times after a time base."""
+
+import numpy as np
+
+from calib.io.logs import message_headers
+from calib.sensors.lidar.clouds import raw_cloud
+
+FIELDS = {"x": "f4", "y": "f4", "z": "f4", "line": "u1", "offset_time": "i8"}  # of a point
+
+
+def read(message):
+    """Raw of all points (logs.structures); offset_time is on the clock of the time base, ns."""
+    n = len(message.points)
+    fields = {k: message.points[k].astype(t) for k, t in FIELDS.items()}
+    # Hostile values wrap around and are found too far from the stamp.
+    fields["offset_time"] += np.uint64(message.timebase).astype(np.int64)
+    return raw_cloud.of(message_headers.stamp_ns(message), fields, (1, n))

@@ -1,0 +1,126 @@
+"""Findings on what is wrong about a recording or its config: suspicions, targets, sessions."""
+
+import numpy as np
+
+from calib.estimation.corrections import clock_offset
+from calib.verdict.findings import DEG, MM, PERCENT, finding, level
+
+
+def of_suspicion(suspected, solution, limits):
+    """Findings on one suspicion of solution.json: one that is sure, and that matters."""
+    if suspected["chance"] > limits["warn_suspicion_chance"]:
+        return []
+    if suspected["name"] == clock_offset.CLOCK:
+        return _of_clock(suspected, limits)
+    shift = suspected["shift"]
+    moved = {
+        n: s
+        for n, s in shift.items()
+        if s["sigmas"] > limits["warn_shift_sigma"] and s["m"] > limits["warn_shift_m"]
+    }
+    widened = _widened(suspected, solution, limits)
+    if not moved and not widened:
+        return []
+    grave = [
+        n
+        for n, s in moved.items()
+        if s["m"] > limits["fail_sigma_m"] or s["rad"] * DEG > limits["fail_sigma_deg"]
+    ]
+    effect = [
+        f"would move {n} by {s['m'] * MM:.2g} mm and {s['rad'] * DEG:.2g}°"
+        for n, s in sorted(moved.items())
+    ]
+    effect += [f"would explain {v * PERCENT:.0f} % of {_words(k)}" for k, v in widened.items()]
+    rivals = "".join(f"; or {r['text']}" for r in suspected["rivals"])
+    text = f"probably {suspected['text']}: mending it {' and '.join(effect)}{rivals}"
+    remedy = "; ".join(
+        dict.fromkeys([suspected["remedy"], *(r["remedy"] for r in suspected["rivals"])])
+    )
+    sensors = sorted(grave or (set(moved) | {w.split("/")[0] for w in widened if "/" in w}))
+    return [finding("suspicion", sensors, "fail" if grave else "warn", text, remedy)]
+
+
+def _of_clock(suspected, limits):
+    """The finding on a clock that is off and not to be estimated, if by much."""
+    (late,), name = suspected["estimate"], suspected["of"]
+    if abs(late) < limits["warn_clock_s"]:
+        return []
+    text = (
+        f"{suspected['text']}, and solve.estimate.time_offset is false: poses from still "
+        "placements hardly feel it, whoever uses scans or images in motion does"
+    )
+    limit = limits["warn_clock_s"]
+    return [finding("offset_s", [name], "warn", text, suspected["remedy"], abs(late), limit)]
+
+
+def _words(noise):
+    """`the edge residuals of lidar` for `lidar/edge`."""
+    sensor, _, kind = noise.partition("/")
+    return f"the {kind} residuals of {sensor}" if kind else "the errors of the MCS poses"
+
+
+def _widened(suspected, solution, limits):
+    """{noise: share} of the noises that are far above the configured and that it explains."""
+    factors = {"mocap": solution["noise"]["mocap_factor"]}
+    for name, sensor in solution["sensors"].items():
+        factors |= {f"{name}/{kind}": f["noise_factor"] for kind, f in sensor["fit"].items()}
+    return {
+        key: share
+        for key, share in sorted(suspected["explained"].items())
+        if share > limits["warn_explained"] and factors.get(key, 0.0) > limits["warn_widened"]
+    }
+
+
+def of_target(name, target, limits):
+    """Findings on a target whose place in its body was estimated, and had been stated."""
+    if target is None or target["prior"] is None:
+        return []
+    shift, prior = np.array(target["shift"]), np.array(target["prior"])
+    value = float((np.abs(shift) / prior).max())
+    found = level(value, limits, "correction_sigma")
+    if found == "pass":
+        return of_mount(name, target["open"])
+    limit = limits[f"{found}_correction_sigma"]
+    mm, deg = np.linalg.norm(shift.reshape(2, 3), axis=1) * [MM, DEG]
+    text = (
+        f"{name} sits {mm:.2g} mm and {deg:.2g}° from where T_body_target says, {value:.3g} of its "
+        f"alignment_sigma, {found} above {limit:.3g}; the estimate counts"
+    )
+    remedy = f"write T_body_target of {name} as estimated, or see what else is wrong if it is sure"
+    return [finding("alignment", [], found, text, remedy, value, limit)]
+
+
+def of_mount(name, directions):
+    """The finding on what nothing tells of a target's place in its body, if there is any."""
+    if not directions:
+        return []
+    text = (
+        f"nothing tells where {name} sits in its body by {', '.join(directions)}: its "
+        "alignment_sigma stands in the σ of the sensors, as all placements turn alike"
+    )
+    remedy = f"tilt {name} by 30° or more about two other axes in some placements, and record again"
+    return [finding("alignment", [], "warn", text, remedy, None, None)]
+
+
+def of_sessions(rows, limits):
+    """Findings on sensors whose pose is another in one session than in the others."""
+    worst_of = {}
+    for row in sorted(rows, key=lambda r: r["chance"]):
+        worst_of.setdefault(row["sensor"], row)
+    out = []
+    for name, row in sorted(worst_of.items()):
+        m, rad = np.linalg.norm(np.reshape(row["shift"], (2, 3)), axis=1)
+        if row["chance"] > limits["warn_suspicion_chance"] or m < limits["warn_shift_m"]:
+            continue
+        grave = m > limits["fail_sigma_m"] or rad * DEG > limits["fail_sigma_deg"]
+        text = (
+            f"{name} sits {m * MM:.2g} mm and {rad * DEG:.2g}° elsewhere in session "
+            f"{row['session']} than in the others"
+        )
+        remedy = (
+            f"see whether {name} was moved or bumped before or after {row['session']} and "
+            "calibrate what comes after by itself; if all sensors moved alike, the robot's markers "
+            f"did: write sessions.{row['session']}.remounted: true"
+        )
+        out.append(finding("moved", [name], "fail" if grave else "warn", text, remedy))
+    return out

@@ -1,0 +1,1 @@
+"""What simulated sensors measure: scans, images, motion capture poses and their errors."""

@@ -1,0 +1,224 @@
+"""Rigs as data: sensors, what is recorded, and where the targets are held.
+
+To add a rig: one entry in RIGS.
+"""
+
+from typing import NamedTuple
+
+from calib.sensors.camera.camera_model import MODELS
+from simulation.sensors.scan_patterns import PATTERNS
+
+
+class Lidar(NamedTuple):
+    """A lidar: topic, nominal T_robot_sensor, cloud format (drivers.DRIVERS), scan pattern
+    (patterns.PATTERNS), azimuths recorded (± about its x axis), and when its first scan starts."""
+
+    topic: str
+    xyz_m: tuple
+    rpy_deg: tuple
+    driver: str = "velodyne"
+    pattern: str = "beams16"
+    sector_deg: float = 100.0
+    start_s: float = 0.003
+
+    @property
+    def scans(self):
+        return PATTERNS[self.pattern]
+
+
+class Camera(NamedTuple):
+    """A camera: image topic without compression, nominal T_robot_sensor, model, encoding (bgr8 or
+    mono8 of Image, jpeg or png of CompressedImage), and when its first image is taken."""
+
+    topic: str
+    xyz_m: tuple
+    rpy_deg: tuple
+    model: str
+    params: tuple
+    size_px: tuple
+    encoding: str = "bgr8"
+    hz: float = 4.0
+    start_s: float = 0.02
+
+    @property
+    def compressed(self):
+        return self.encoding in COMPRESSED
+
+
+class Spot(NamedTuple):
+    """Where a target is held: azimuths to the left and elevations about the forward axis of a
+    sensor, and distances from it; `seen_by` names the sensors that must see it well."""
+
+    sensor: str
+    azimuth_deg: tuple
+    distance_m: tuple
+    seen_by: tuple
+    elevation_deg: tuple = (-4, 4)
+
+
+class Rig(NamedTuple):
+    """Sensors by name, sessions, the kinds of placements, which follow each other in turn, as Spot
+    by target; `alone`: the Spot of a target that is the only one; arguments unlike others'."""
+
+    sensors: dict
+    sessions: tuple
+    kinds: tuple
+    alone: dict
+    defaults: dict
+
+
+COMPRESSED = ("jpeg", "png")
+# Of an image of 900 by 700 px.
+CENTRE = (452.6, 347.9)
+PARAMS = {
+    "radtan": (802.3, 801.1, *CENTRE, 0.0, 0.0, 0.0, 0.0),
+    "kannala_brandt": (561.2, 560.4, *CENTRE, -0.013, 0.021, -0.014, 0.003),
+    "double_sphere": (562.4, 561.7, *CENTRE, -0.19, 0.57),
+    "eucm": (641.2, 640.6, *CENTRE, 0.61, 1.12),
+    "mei": (1482.3, 1480.9, *CENTRE, 1.15, -0.06, 0.02, 3e-4, -2e-4),
+}
+LIDARS = {  # of --lidar: cloud format and scan pattern
+    "velodyne": ("velodyne", "beams16"),
+    "ouster": ("ouster", "beams32"),
+    "plain": ("plain", "beams16"),
+    "livox": ("livox", "rosette"),
+    "livox_custom": ("livox_custom", "rosette"),
+    "velodyne_last": ("velodyne_last", "beams16"),
+    "hesai": ("hesai", "beams32"),
+    "robosense": ("robosense", "beams16"),
+    "nebula": ("nebula", "beams32"),
+    "nebula_legacy": ("nebula_legacy", "beams32"),
+    "sick": ("sick", "beams16"),
+    "sick_split": ("sick_split", "beams16"),
+    "laserscan": ("laserscan", "flat"),
+}
+SETTINGS = {  # blocks of config.yaml: the demo is to be over within a minute
+    "demo": {
+        "crop": {"max_frames": 4},
+        "solve": {"tolerance_m": 1e-6, "tolerance_rad": 1e-6},  # a hundredth of its σ and less
+        "report": {"max_overlays": 2},
+    },
+}
+RIGS = {
+    "sim": Rig(
+        sensors={
+            "velodyne": Lidar("/velodyne_points", (0.15, 0.0, 0.60), (0.0, 0.0, 2.0)),
+            "camera": Camera(
+                "/camera/image_raw", (0.25, -0.10, 0.45), (-90.0, 0.0, -90.0),
+                "radtan", PARAMS["radtan"], (900, 700),
+            ),
+        },
+        sessions=("sim",),
+        kinds=(
+            {
+                "board": Spot("velodyne", (-12, 12), (1.4, 3.2), ("velodyne", "camera")),
+                "cylinder": Spot("velodyne", (25, 70), (1.4, 2.4), ("velodyne",)),
+            },
+        ),
+        alone={"cylinder": Spot("velodyne", (-18, 18), (1.4, 2.4), ("velodyne", "camera"))},
+        defaults={},
+    ),
+    # A lidar alone, with the targets held all round it.
+    "round": Rig(
+        sensors={
+            "velodyne": Lidar(
+                "/velodyne_points", (0.15, 0.0, 0.60), (0.0, 0.0, 2.0), sector_deg=180.0
+            ),
+        },
+        sessions=("round",),
+        kinds=(
+            {
+                "board": Spot("velodyne", (-180, 180), (1.4, 2.6), ("velodyne",)),
+                "cylinder": Spot("velodyne", (-180, 180), (1.2, 2.4), ("velodyne",)),
+            },
+        ),
+        alone={},
+        defaults={},
+    ),
+    # Four fields of view that do not overlap, even with every mount at its worst. Images are taken
+    # twice at each placement: 0.6 s divides the 1.8 s from one to the next.
+    "demo": Rig(
+        sensors={
+            "front_lidar": Lidar(
+                "/front/velodyne_points", (0.30, 0.0, 0.60), (0.0, 0.0, 0.0), sector_deg=38.0
+            ),
+            "rear_lidar": Lidar(
+                "/rear/points", (-0.30, 0.0, 0.60), (0.0, 0.0, 180.0),
+                "ouster", "beams32", sector_deg=38.0, start_s=0.041,
+            ),
+            "left_camera": Camera(
+                "/left/image_raw", (0.05, 0.20, 0.60), (-90.0, 0.0, 0.0),
+                "radtan", (781.6, 780.2, 515.3, 379.8, -0.28, 0.09, 6e-4, -4e-4), (1024, 768),
+                hz=5 / 3, start_s=0.2,
+            ),
+            "right_camera": Camera(
+                "/right/image_raw", (-0.05, -0.20, 0.60), (-90.0, 0.0, 180.0),
+                "kannala_brandt", (641.9, 641.1, 478.2, 362.7, -0.012, 0.018, -0.011, 0.002),
+                (960, 720), "png", hz=5 / 3, start_s=0.25,
+            ),
+        },
+        sessions=("morning", "evening"),
+        kinds=(
+            {
+                "board": Spot("front_lidar", (-9, 9), (1.5, 2.8), ("front_lidar",)),
+                "cylinder": Spot("rear_lidar", (-14, 14), (1.4, 2.4), ("rear_lidar",)),
+            },
+            {
+                "board": Spot("left_camera", (-11, 11), (1.3, 2.4), ("left_camera",), (-3, 8)),
+                "cylinder": Spot("right_camera", (-14, 14), (1.1, 1.7), ("right_camera",), (-9, 9)),
+            },
+            {
+                "board": Spot("rear_lidar", (-9, 9), (1.5, 2.8), ("rear_lidar",)),
+                "cylinder": Spot("front_lidar", (-14, 14), (1.4, 2.4), ("front_lidar",)),
+            },
+        ),
+        alone={},
+        defaults={
+            "placements": 15, "range_noise_m": 0.01, "image_noise": 1.8, "blur_px": 0.7,
+            "mcs_noise_m": 0.00015, "mcs_noise_deg": 0.02,
+            "mcs_bias_m": 0.00005, "mcs_bias_deg": 0.005,
+        },
+    ),
+}  # fmt: skip
+
+
+def kinds(rig, targets):
+    """The kinds of placements with those targets only."""
+    if len(targets) == 1 and targets[0] in rig.alone:
+        return ({targets[0]: rig.alone[targets[0]]},)
+    return tuple({name: kind[name] for name in targets} for kind in rig.kinds)
+
+
+def customised(rig, args):
+    """The rig with what the arguments say of all its lidars or all its cameras; None says nothing.
+
+    A camera model comes with its own parameters and image size.
+    """
+    changes = {"sector_deg": args.sector_deg, "hz": args.camera_hz}
+    changes["encoding"] = args.compressed or args.encoding
+    if args.lidar:
+        changes["driver"], changes["pattern"] = LIDARS[args.lidar]
+    if args.camera_model:
+        model = {"model": args.camera_model, "params": PARAMS[args.camera_model]}
+        changes |= model | {"size_px": (900, 700)}
+    sensors = {name: _changed(sensor, changes) for name, sensor in rig.sensors.items()}
+    if args.distortion:
+        sensors = {name: _distorted(sensor, args.distortion) for name, sensor in sensors.items()}
+    return rig._replace(sensors=sensors)
+
+
+def _changed(sensor, changes):
+    known = {k: v for k, v in changes.items() if k in sensor._fields and v is not None}
+    return sensor._replace(**known)
+
+
+def _distorted(sensor, distortion):
+    """A radtan camera with that k1 k2 p1 p2; another sensor as it is."""
+    if getattr(sensor, "model", "") != "radtan":
+        return sensor
+    return sensor._replace(params=(*sensor.params[:4], *distortion))
+
+
+def models():
+    """Names of the camera models that there are parameters for."""
+    return [name for name in MODELS if name in PARAMS]

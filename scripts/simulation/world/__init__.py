@@ -1,0 +1,1 @@
+"""The simulated room: surfaces, targets on stands, smooth motion, ray casting."""
