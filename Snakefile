@@ -1,8 +1,8 @@
-"""Recordings from a motion capture room in, sensor extrinsics out.
+"""The pipeline: from logs of a motion capture room to the extrinsics of a robot's sensors.
 
-decode -> gate -> crop -> extract -> associate -> solve -> judge -> report -> export, with guess
-beside gate; preflight, when asked for, looks at what decode and gate found. One stage is one rule,
-one script of its name, one block of config.yaml and one log.
+decode -> gate -> crop -> extract -> associate -> solve -> judge -> report -> export. Rule guess runs
+beside gate; rule preflight runs on request, after decode and gate. Each stage is one rule, one script
+of the same name, one block of config.yaml and one log file beside its output.
 """
 
 from snakemake.utils import min_version
@@ -10,7 +10,7 @@ from snakemake.utils import min_version
 min_version("9.0")
 
 
-include: "workflow/alone.smk"
+include: "workflow/startup_checks.smk"
 
 
 configfile: "config/config.yaml"
@@ -29,11 +29,11 @@ wildcard_constraints:
 
 
 onsuccess:
-    last_words()
+    print_summary()
 
 
 onerror:
-    last_words()
+    print_summary()
 
 
 rule all:
@@ -42,22 +42,24 @@ rule all:
 
 
 rule preflight:
-    """What the recordings support, before anyone waits: fails where that is nothing."""
+    """Checks all recordings after decode and gate; fails if no sensor of a rig can be calibrated."""
     input:
         expand("results/{rig}/preflight.json", rig=RIGS),
     log:
         "results/preflight.log",
     conda:
         "workflow/envs/calib.yaml"
+    message:
+        "preflight of all rigs"
     shell:
         '! grep -l \'^ "verdict": "fail"\' {input:q} > {log:q}'
 
 
 rule decode:
-    """What the log holds: poses, one row per sensor message, an audit."""
+    """Reads the log: poses, one row per sensor message, an audit."""
     input:
-        log=lambda w: ancient(log_files(w)),
-        code=code("decode"),
+        log=lambda wildcards: ancient(session_log_files(wildcards)),
+        code=find_stage_code("decode"),
     output:
         mocap="results/{rig}/{session}/mocap.parquet",
         frames="results/{rig}/{session}/frames.parquet",
@@ -68,17 +70,19 @@ rule decode:
         "workflow/envs/calib.yaml"
     params:
         options=decode_options,
+    message:
+        "decode {wildcards.rig}/{wildcards.session}"
     shell:
         "python {input.code[0]:q} --mocap {output.mocap:q} --frames {output.frames:q}"
         " --audit {output.audit:q} --options {params.options:q} 2> {log:q}"
 
 
 rule gate:
-    """When a target is still relative to the robot."""
+    """Finds the intervals in which a target is still relative to the robot."""
     input:
         mocap="results/{rig}/{session}/mocap.parquet",
         audit="results/{rig}/{session}/log.json",
-        code=code("gate"),
+        code=find_stage_code("gate"),
     output:
         "results/{rig}/{session}/placements.parquet",
     log:
@@ -87,19 +91,21 @@ rule gate:
         "workflow/envs/calib.yaml"
     params:
         options=gate_options,
+    message:
+        "gate {wildcards.rig}/{wildcards.session}"
     shell:
         "python {input.code[0]:q} --mocap {input.mocap:q} --audit {input.audit:q}"
         " --output {output:q} --options {params.options:q} 2> {log:q}"
 
 
-rule preflight_of_rig:
-    """What decode and gate tell of how a calibration will end; no other stage waits for it."""
+rule preflight_rig:
+    """Predicts from decode and gate what a calibration can estimate; no other stage needs it."""
     input:
-        audits=of_sessions("results/{rig}/{session}/log.json"),
-        mocap=of_sessions("results/{rig}/{session}/mocap.parquet"),
-        frames=of_sessions("results/{rig}/{session}/frames.parquet"),
-        placements=of_sessions("results/{rig}/{session}/placements.parquet"),
-        code=code("preflight"),
+        audits=inputs_per_session("results/{rig}/{session}/log.json"),
+        mocap=inputs_per_session("results/{rig}/{session}/mocap.parquet"),
+        frames=inputs_per_session("results/{rig}/{session}/frames.parquet"),
+        placements=inputs_per_session("results/{rig}/{session}/placements.parquet"),
+        code=find_stage_code("preflight"),
     output:
         json="results/{rig}/preflight.json",
         text="results/{rig}/preflight.txt",
@@ -109,6 +115,8 @@ rule preflight_of_rig:
         "workflow/envs/calib.yaml"
     params:
         options=preflight_options,
+    message:
+        "preflight {wildcards.rig}"
     shell:
         "python {input.code[0]:q} --audits {input.audits:q} --mocap {input.mocap:q}"
         " --frames {input.frames:q} --placements {input.placements:q}"
@@ -117,14 +125,16 @@ rule preflight_of_rig:
 
 
 rule guess:
-    """Where and when to look: the first guess of a sensor's pose and clock."""
+    """Gives the initial guess of a sensor's pose and time offset."""
     input:
         audit="results/{rig}/{session}/log.json",
-        mocap=where(clocks_wanted, "results/{rig}/{session}/mocap.parquet"),
-        placements=where(searched, "results/{rig}/{session}/placements.parquet"),
-        frames=where(looked_into, "results/{rig}/{session}/frames.parquet"),
-        log=lambda w: ancient(log_files(w)) if looked_into(w) else [],
-        code=code("guess"),
+        mocap=input_if(estimates_clocks, "results/{rig}/{session}/mocap.parquet"),
+        placements=input_if(may_search_pose, "results/{rig}/{session}/placements.parquet"),
+        frames=input_if(guess_reads_log, "results/{rig}/{session}/frames.parquet"),
+        log=lambda wildcards: (
+            ancient(session_log_files(wildcards)) if guess_reads_log(wildcards) else []
+        ),
+        code=find_stage_code("guess"),
     output:
         "results/{rig}/{session}/{sensor}/guess.json",
     log:
@@ -133,6 +143,8 @@ rule guess:
         "workflow/envs/calib.yaml"
     params:
         options=guess_options,
+    message:
+        "guess {wildcards.rig}/{wildcards.session}/{wildcards.sensor}"
     shell:
         "python {input.code[0]:q} --audit {input.audit:q} --mocap {input.mocap:q}"
         " --placements {input.placements:q} --frames {input.frames:q} --output {output:q}"
@@ -140,62 +152,66 @@ rule guess:
 
 
 rule crop:
-    """Which frames show a target, and the part of each around it."""
+    """Selects the frames that show a target and cuts the part around it."""
     input:
         placements="results/{rig}/{session}/placements.parquet",
         mocap="results/{rig}/{session}/mocap.parquet",
         frames="results/{rig}/{session}/frames.parquet",
         guess="results/{rig}/{session}/{sensor}/guess.json",
         audit="results/{rig}/{session}/log.json",
-        log=lambda w: ancient(log_files(w)),
-        code=code("crop"),
+        log=lambda wildcards: ancient(session_log_files(wildcards)),
+        code=find_stage_code("crop"),
     output:
         views="results/{rig}/{session}/{sensor}/views.parquet",
-        motion="results/{rig}/{session}/{sensor}/motion.parquet",
+        moving_views="results/{rig}/{session}/{sensor}/moving_views.parquet",
     log:
         "results/{rig}/{session}/{sensor}/crop.log",
     conda:
         "workflow/envs/calib.yaml"
     params:
         options=crop_options,
+    message:
+        "crop {wildcards.rig}/{wildcards.session}/{wildcards.sensor}"
     shell:
         "python {input.code[0]:q} --placements {input.placements:q} --mocap {input.mocap:q}"
         " --frames {input.frames:q} --guess {input.guess:q} --audit {input.audit:q}"
-        " --output {output.views:q} --motion {output.motion:q}"
+        " --output {output.views:q} --moving-views {output.moving_views:q}"
         " --options {params.options:q} 2> {log:q}"
 
 
 rule extract:
-    """What one sensor saw of the targets."""
+    """Extracts the keypoints of one sensor."""
     input:
         views="results/{rig}/{session}/{sensor}/views.parquet",
-        motion="results/{rig}/{session}/{sensor}/motion.parquet",
+        moving_views="results/{rig}/{session}/{sensor}/moving_views.parquet",
         placements="results/{rig}/{session}/placements.parquet",
         mocap="results/{rig}/{session}/mocap.parquet",
         guess="results/{rig}/{session}/{sensor}/guess.json",
-        code=code("extract"),
+        code=find_stage_code("extract"),
     output:
         keypoints="results/{rig}/{session}/{sensor}/keypoints.parquet",
-        tracked="results/{rig}/{session}/{sensor}/tracked.parquet",
+        moving_keypoints="results/{rig}/{session}/{sensor}/moving_keypoints.parquet",
     log:
         "results/{rig}/{session}/{sensor}/extract.log",
     conda:
         "workflow/envs/calib.yaml"
     params:
         options=extract_options,
+    message:
+        "extract {wildcards.rig}/{wildcards.session}/{wildcards.sensor}"
     shell:
-        "python {input.code[0]:q} --views {input.views:q} --motion {input.motion:q}"
+        "python {input.code[0]:q} --views {input.views:q} --moving-views {input.moving_views:q}"
         " --placements {input.placements:q} --mocap {input.mocap:q} --guess {input.guess:q}"
-        " --output {output.keypoints:q} --tracked {output.tracked:q}"
+        " --output {output.keypoints:q} --moving-keypoints {output.moving_keypoints:q}"
         " --options {params.options:q} 2> {log:q}"
 
 
 rule associate:
-    """Which measurement belongs to which part of a target, at first."""
+    """Assigns each measurement to a part of its target, at the initial guess."""
     input:
-        keypoints=of_sensors("results/{rig}/{session}/{sensor}/keypoints.parquet"),
+        keypoints=inputs_per_sensor("results/{rig}/{session}/{sensor}/keypoints.parquet"),
         placements="results/{rig}/{session}/placements.parquet",
-        code=code("associate"),
+        code=find_stage_code("associate"),
     output:
         "results/{rig}/{session}/pairs.parquet",
     log:
@@ -204,6 +220,8 @@ rule associate:
         "workflow/envs/calib.yaml"
     params:
         options=associate_options,
+    message:
+        "associate {wildcards.rig}/{wildcards.session}"
     shell:
         "python {input.code[0]:q} --keypoints {input.keypoints:q}"
         " --placements {input.placements:q} --output {output:q}"
@@ -211,13 +229,15 @@ rule associate:
 
 
 rule solve:
-    """All sensors, targets and sessions of a rig in one problem."""
+    """Estimates all sensors, targets and sessions of a rig in one problem."""
     input:
-        pairs=of_sessions("results/{rig}/{session}/pairs.parquet"),
-        placements=of_sessions("results/{rig}/{session}/placements.parquet"),
-        mocap=of_sessions("results/{rig}/{session}/mocap.parquet"),
-        tracked=of_sensors("results/{rig}/{session}/{sensor}/tracked.parquet"),
-        code=code("solve"),
+        pairs=inputs_per_session("results/{rig}/{session}/pairs.parquet"),
+        placements=inputs_per_session("results/{rig}/{session}/placements.parquet"),
+        mocap=inputs_per_session("results/{rig}/{session}/mocap.parquet"),
+        moving_keypoints=inputs_per_sensor(
+            "results/{rig}/{session}/{sensor}/moving_keypoints.parquet"
+        ),
+        code=find_stage_code("solve"),
     output:
         solution="results/{rig}/solution.json",
         residuals="results/{rig}/residuals.parquet",
@@ -228,18 +248,20 @@ rule solve:
         "workflow/envs/calib.yaml"
     params:
         options=solve_options,
+    message:
+        "solve {wildcards.rig}"
     shell:
         "python {input.code[0]:q} --pairs {input.pairs:q} --placements {input.placements:q}"
-        " --mocap {input.mocap:q} --tracked {input.tracked:q}"
+        " --mocap {input.mocap:q} --moving-keypoints {input.moving_keypoints:q}"
         " --solution {output.solution:q} --residuals {output.residuals:q}"
         " --iterations {output.iterations:q} --options {params.options:q} 2> {log:q}"
 
 
 rule judge:
-    """Pass, warn or fail, from stated limits."""
+    """Compares the result with the limits: pass, warn or fail."""
     input:
         solution="results/{rig}/solution.json",
-        code=code("judge"),
+        code=find_stage_code("judge"),
     output:
         calibration="results/{rig}/calibration.json",
         verdict="results/{rig}/verdict.json",
@@ -249,6 +271,8 @@ rule judge:
         "workflow/envs/calib.yaml"
     params:
         options=judge_options,
+    message:
+        "judge {wildcards.rig}"
     shell:
         "python {input.code[0]:q} --solution {input.solution:q}"
         " --calibration {output.calibration:q} --verdict {output.verdict:q}"
@@ -256,30 +280,32 @@ rule judge:
 
 
 rule report:
-    """What a person must know."""
+    """Writes the report (HTML, PDF, figures)."""
     input:
         calibration="results/{rig}/calibration.json",
         verdict="results/{rig}/verdict.json",
         residuals="results/{rig}/residuals.parquet",
         iterations="results/{rig}/iterations.parquet",
-        audits=of_sessions("results/{rig}/{session}/log.json"),
-        frames=of_sessions("results/{rig}/{session}/frames.parquet"),
-        placements=of_sessions("results/{rig}/{session}/placements.parquet"),
-        guesses=of_sensors("results/{rig}/{session}/{sensor}/guess.json"),
-        views=of_sensors("results/{rig}/{session}/{sensor}/views.parquet"),
-        keypoints=of_sensors("results/{rig}/{session}/{sensor}/keypoints.parquet"),
-        templates=resources("workflow/report"),
-        code=code("report"),
+        audits=inputs_per_session("results/{rig}/{session}/log.json"),
+        frames=inputs_per_session("results/{rig}/{session}/frames.parquet"),
+        placements=inputs_per_session("results/{rig}/{session}/placements.parquet"),
+        guesses=inputs_per_sensor("results/{rig}/{session}/{sensor}/guess.json"),
+        views=inputs_per_sensor("results/{rig}/{session}/{sensor}/views.parquet"),
+        keypoints=inputs_per_sensor("results/{rig}/{session}/{sensor}/keypoints.parquet"),
+        templates=find_page_resources("workflow/report"),
+        code=find_stage_code("report"),
     output:
         html=report("results/{rig}/report.html", category="Calibration"),
         pdf="results/{rig}/report.pdf",
-        figures=expand("results/{{rig}}/figures/{name}.svg", name=FIGURES),
+        figures=expand("results/{{rig}}/figures/{name}.svg", name=REPORT_FIGURES),
     log:
         "results/{rig}/report.log",
     conda:
         "workflow/envs/calib.yaml"
     params:
         options=report_options,
+    message:
+        "report {wildcards.rig}"
     shell:
         "python {input.code[0]:q} --calibration {input.calibration:q}"
         " --verdict {input.verdict:q} --residuals {input.residuals:q}"
@@ -292,17 +318,17 @@ rule report:
 
 
 rule export:
-    """Files that robots load; the one job that fails on a failed verdict."""
+    """Writes the files that robots load; fails if the verdict is fail."""
     input:
         calibration="results/{rig}/calibration.json",
         verdict="results/{rig}/verdict.json",
         report=ancient("results/{rig}/report.html"),
-        frames=of_sessions("results/{rig}/{session}/frames.parquet"),
-        placements=of_sessions("results/{rig}/{session}/placements.parquet"),
-        guesses=of_sensors("results/{rig}/{session}/{sensor}/guess.json"),
-        views=of_sensors("results/{rig}/{session}/{sensor}/views.parquet"),
-        urdf=patched_urdf,
-        code=code("export"),
+        frames=inputs_per_session("results/{rig}/{session}/frames.parquet"),
+        placements=inputs_per_session("results/{rig}/{session}/placements.parquet"),
+        guesses=inputs_per_sensor("results/{rig}/{session}/{sensor}/guess.json"),
+        views=inputs_per_sensor("results/{rig}/{session}/{sensor}/views.parquet"),
+        urdf=export_urdf_path,
+        code=find_stage_code("export"),
     output:
         "results/{rig}/export/README.md",
         "results/{rig}/export/static_transforms.yaml",
@@ -314,6 +340,8 @@ rule export:
         folder=subpath(output[0], parent=True),
         history="results/{rig}/history",
         options=export_options,
+    message:
+        "export {wildcards.rig}"
     shell:
         "python {input.code[0]:q} --calibration {input.calibration:q}"
         " --verdict {input.verdict:q} --frames {input.frames:q}"

@@ -8,37 +8,44 @@ Decides with calib.estimation.residuals, from the pose that extract worked out f
 
 import numpy as np
 
-from calib.estimation import estimate_state, estimation_problem, measurement_groups, solver
-from calib.extraction import extractor_registry
-from calib.io import parquet_tables, stage_cli, table_schemas
-from calib.io.stage_cli import logger
-from calib.sensors import lens_from_log, sensor_models
-from calib.targets import target_shapes
-from calib.views import frame_selection
+from calib.estimation.estimate_state import initial_state
+from calib.estimation.estimation_problem import Setup
+from calib.estimation.measurement_groups import group_keypoints, make_still_placements
+from calib.estimation.solver import assign_at_initial_guess
+from calib.extraction.extractor_registry import NOISE_FACTORS
+from calib.io.parquet_tables import concatenate_columns, read_table, write_table
+from calib.io.stage_cli import logger, make_argument_parser, run_stage
+from calib.io.table_schemas import KEYPOINTS_SCHEMA, PAIRS_SCHEMA, PLACEMENTS_SCHEMA
+from calib.sensors.lens_from_log import with_lens_from_log
+from calib.sensors.sensor_models import sensor_model_from_config
+from calib.targets.target_shapes import target_from_config
+from calib.views.frame_selection import mounts_from_guess
 
 
-def assigned(name, keypoints, T_robot_sensor, places, options, shapes):
+def assign_sensor_measurements(
+    sensor, keypoints, T_robot_sensor, placements, options, target_shapes
+):
     """Columns of pairs.parquet of one sensor."""
     numbers = sorted(set(keypoints["placement"].tolist()))
-    setup = estimation_problem.Setup(
-        models={name: sensor_models.model(options["sensors"][name])},
-        targets=shapes,
-        placements=[places[k] for k in numbers],
-        groups=measurement_groups.groups(keypoints, name, {k: i for i, k in enumerate(numbers)}),
-        associate=options["associate"],
-        prior={},
+    setup = Setup(
+        models={sensor: sensor_model_from_config(options["sensors"][sensor])},
+        targets=target_shapes,
+        placements=[placements[k] for k in numbers],
+        groups=group_keypoints(keypoints, sensor, {k: i for i, k in enumerate(numbers)}),
+        associate_options=options["associate"],
+        sensor_priors={},
     )
-    noise = extractor_registry.NOISE[options["sensors"][name]["kind"]]
-    state = estimate_state.start(setup, {name: T_robot_sensor}, noise)
+    noise = NOISE_FACTORS[options["sensors"][sensor]["kind"]]
+    state = initial_state(setup, {sensor: T_robot_sensor}, noise)
     parts = [
-        g.keypoints | {"sensor": np.full(len(a.feature), name), "feature": a.feature}
-        for g, a in zip(setup.groups, solver.assign_first(setup, state), strict=True)
+        g.keypoints | {"sensor": np.full(len(a.feature), sensor), "candidate_feature": a.feature}
+        for g, a in zip(setup.groups, assign_at_initial_guess(setup, state), strict=True)
     ]
-    return parquet_tables.concatenate(parts, table_schemas.PAIRS)
+    return concatenate_columns(parts, PAIRS_SCHEMA)
 
 
 def main(argv=None):
-    args = stage_cli.parser(
+    args = make_argument_parser(
         __doc__,
         keypoints="*input",
         placements="input",
@@ -46,30 +53,33 @@ def main(argv=None):
         options="slice of the config",
     ).parse_args(argv)
     options = args.options
-    shapes = {n: target_shapes.from_config(c) for n, c in options["targets"].items()}
-    table, _, _ = parquet_tables.read(args.placements, table_schemas.PLACEMENTS)
+    shapes = {n: target_from_config(c) for n, c in options["targets"].items()}
+    table, _, _ = read_table(args.placements, PLACEMENTS_SCHEMA)
     parts, notes = [], {}
     for path, name in zip(args.keypoints, sorted(options["sensors"]), strict=True):
-        keypoints, status, found = parquet_tables.read(path, table_schemas.KEYPOINTS)
+        keypoints, status, found = read_table(path, KEYPOINTS_SCHEMA)
         notes[name] = {k: found[k] for k in ("T_robot_sensor", "guess")}
         notes[name]["status"] = status.to_dict()
         if status.ok:
             T, blocks = np.array(found["T_robot_sensor"]), options["targets"]
-            mounts = frame_selection.mounts(blocks, found["guess"])
-            places = measurement_groups.still(table, "", blocks, options["mocap"], mounts)
-            options["sensors"] = lens_from_log.told(options["sensors"], [(name, found["guess"])])
-            parts.append(assigned(name, keypoints, T, places, options, shapes))
-            share = np.mean(parts[-1]["feature"] >= 0)
+            mounts = mounts_from_guess(blocks, found["guess"])
+            places = make_still_placements(table, "", blocks, options["mocap"], mounts)
+            options["sensors"] = with_lens_from_log(options["sensors"], [(name, found["guess"])])
+            parts.append(assign_sensor_measurements(name, keypoints, T, places, options, shapes))
+            share = np.mean(parts[-1]["candidate_feature"] >= 0)
             logger.info(
-                "%s: %d measurements, %.0f %% members", name, len(parts[-1]["feature"]), 100 * share
+                "%s: %d measurements, %.0f %% members",
+                name,
+                len(parts[-1]["candidate_feature"]),
+                100 * share,
             )
-    parquet_tables.write(
+    write_table(
         args.output,
-        table_schemas.PAIRS,
-        parquet_tables.concatenate(parts, table_schemas.PAIRS),
+        PAIRS_SCHEMA,
+        concatenate_columns(parts, PAIRS_SCHEMA),
         notes=notes,
     )
 
 
 if __name__ == "__main__":
-    stage_cli.run(main)
+    run_stage(main)

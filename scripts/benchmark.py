@@ -16,23 +16,56 @@ from pathlib import Path
 
 import yaml
 
-from benchmarking.accuracy import (
-    accuracy_cases,
-    collect_results,
-    draw_statistics,
-    error_metrics,
-    parallel_draws,
-    simulation_plan,
+from benchmarking.accuracy.accuracy_cases import list_accuracy_cases
+from benchmarking.accuracy.collect_results import (
+    collect_full_runs,
+    collect_outcomes,
+    find_log_file,
+    load_run_config,
+    read_decode_memory,
+    read_job_logs,
+    read_simulated_config,
 )
-from benchmarking.decode_cost import decode_cost, process_cost
-from benchmarking.fuzzing import fuzzing_page, run_cases
-from benchmarking.lab_faults import lab_faults, lab_faults_page
-from benchmarking.page import benchmark_page, error_chart
+from benchmarking.accuracy.draw_statistics import compute_run_statistics
+from benchmarking.accuracy.error_metrics import summarize_outcomes
+from benchmarking.accuracy.parallel_draws import plan_draw_tasks, run_all_draws
+from benchmarking.accuracy.simulation_plan import (
+    SPEED_FOLDER,
+    SPEED_RIG,
+    calibration_paths,
+    case_folder,
+    case_rig_config,
+    case_session_config,
+    case_target_config,
+    crop_block,
+    describe_run,
+    full_run_names,
+    plan_simulations,
+    remove_truth,
+    simulated_log_name,
+    speed_rig_config,
+)
+from benchmarking.decode_cost.decode_cost import build_decode_section, measure_decode_costs
+from benchmarking.decode_cost.process_cost import RunSpeed, parse_stage_costs, time_raw_read
+from benchmarking.fuzzing.fuzzing_page import build_fuzz_section
+from benchmarking.fuzzing.run_cases import run_fuzz_campaign
+from benchmarking.lab_faults.lab_faults import (
+    LAB_FAULTS,
+    QUICK_FAULTS,
+    lab_estimate_options,
+    lab_log_name,
+    make_lab_rig,
+    plan_lab_simulations,
+    read_lab_outcome,
+)
+from benchmarking.lab_faults.lab_faults_page import build_lab_section
+from benchmarking.page.benchmark_page import render_benchmark_page
+from benchmarking.page.error_chart import render_error_chart_svg
 
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def parse(argv):
+def parse_benchmark_arguments(argv):
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -46,9 +79,9 @@ def parse(argv):
     return parser.parse_args(argv)
 
 
-def simulate(folder, arguments, keep):
+def simulate_log(folder, arguments, has_kept_logs):
     """Write one log with its truth below folder."""
-    if keep and (folder / "truth.json").exists():
+    if has_kept_logs and (folder / "truth.json").exists():
         return
     command = [sys.executable, ROOT / "scripts" / "simulate.py", folder, *arguments]
     done = subprocess.run(command, capture_output=True, text=True)
@@ -56,139 +89,146 @@ def simulate(folder, arguments, keep):
         raise RuntimeError(f"{folder.name} was not simulated:\n{done.stderr}")
 
 
-def snakemake(run, targets, cores):
+def make_with_snakemake(run_folder, targets, cores):
     """Make the targets in the working directory run; whether all were made, and the seconds."""
-    command = [Path(sys.executable).with_name("snakemake"), "-s", ROOT / "Snakefile", "-d", run]
+    command = [
+        Path(sys.executable).with_name("snakemake"),
+        "-s",
+        ROOT / "Snakefile",
+        "-d",
+        run_folder,
+    ]
     command += ["--cores", str(cores), "--keep-going", "--", *targets]
     begin = time.perf_counter()
-    with (run / "snakemake.log").open("a") as log:
+    with (run_folder / "snakemake.log").open("a") as log:
         done = subprocess.run(command, stdout=log, stderr=log).returncode == 0
     return done, time.perf_counter() - begin
 
 
-def write_config(run, logs, cases):
+def write_run_config(run_folder, logs, cases):
     """The config of the cases of one working directory; logs: the folder of the simulated ones."""
     sessions, files = {}, {}
     for case in cases:
-        log = logs / simulation_plan.log_name(*case.log)
-        sessions[case.name] = simulation_plan.session(case, str(collect_results.log_file(log)))
-        files[f"rigs/{case.name}.yaml"] = simulation_plan.rig(
-            case, collect_results.simulated(log, "rigs/*")
+        log = logs / simulated_log_name(*case.log_key)
+        sessions[case.case_name] = case_session_config(case, str(find_log_file(log)))
+        files[f"rigs/{case.case_name}.yaml"] = case_rig_config(
+            case, read_simulated_config(log, "rigs/*")
         )
-        body = collect_results.simulated(log, f"targets/{case.row.target}")
-        files[f"targets/{case.target}.yaml"] = simulation_plan.target(case, body)
-    settings = {"sessions": sessions, "crop": simulation_plan.crop(simulation_plan.home(cases[0]))}
-    write_files(run, {"config.yaml": settings, **files})
+        body = read_simulated_config(log, f"targets/{case.row.target}")
+        files[f"targets/{case.target_name}.yaml"] = case_target_config(case, body)
+    settings = {"sessions": sessions, "crop": crop_block(case_folder(cases[0]))}
+    write_config_files(run_folder, {"config.yaml": settings, **files})
 
 
-def write_files(run, files):
+def write_config_files(run_folder, files):
     """Write the contents of files by name, below the config of a working directory."""
     for name, content in files.items():
-        path = run / "config" / name
+        path = run_folder / "config" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(yaml.safe_dump(content, sort_keys=False))
 
 
-def speed(logs, run, cases, cores):
+def measure_run_speed(logs_folder, run_folder, cases, cores):
     """The Speed of the log made for it, in its own working directory; run, cases: of the others."""
-    folder, results = logs / simulation_plan.SPEED, logs / simulation_plan.SPEED / "results"
-    rig = folder / "config" / "rigs" / f"{simulation_plan.SPEED_RIG}.yaml"
-    rig.write_text(yaml.safe_dump(simulation_plan.speed_rig(yaml.safe_load(rig.read_text()))))
+    folder, results = logs_folder / SPEED_FOLDER, logs_folder / SPEED_FOLDER / "results"
+    rig = folder / "config" / "rigs" / f"{SPEED_RIG}.yaml"
+    rig.write_text(yaml.safe_dump(speed_rig_config(yaml.safe_load(rig.read_text()))))
     settings = folder / "config" / "config.yaml"
     sessions = yaml.safe_load(settings.read_text())["sessions"]
     settings.write_text(yaml.safe_dump({"sessions": sessions}))
     shutil.rmtree(results, ignore_errors=True)
     # Made twice: the second time there is nothing to do but to find that out.
-    wanted = f"results/{simulation_plan.SPEED_RIG}/solution.json"
-    walls = [snakemake(folder, [wanted], cores)[1] for _ in range(2)]
+    wanted = f"results/{SPEED_RIG}/solution.json"
+    walls = [make_with_snakemake(folder, [wanted], cores)[1] for _ in range(2)]
     files = sorted((folder / "logs").glob("*.mcap"))
     solution = json.loads((folder / wanted).read_text())
-    return process_cost.Speed(
-        about=simulation_plan.about(solution, sum(path.stat().st_size for path in files)),
-        costs=process_cost.costs(collect_results.read_logs(results)),
-        wall=walls[0] - walls[1],
-        raw=sum(process_cost.raw_read(path) for path in files),
-        memory=[collect_results.decode_of(logs, run, case) for case in cases],
+    return RunSpeed(
+        description=describe_run(solution, sum(path.stat().st_size for path in files)),
+        stage_costs=parse_stage_costs(read_job_logs(results)),
+        wall_s=walls[0] - walls[1],
+        raw_cpu_s=sum(time_raw_read(path) for path in files),
+        decode_memory_mb=[read_decode_memory(logs_folder, run_folder, case) for case in cases],
     )
 
 
-def full_runs(logs, run, count, cores):
+def measure_full_runs(logs, run_folder, n_runs, cores):
     """{sensor: Statistics} of so many small logs through the whole pipeline."""
-    names, sessions, files = simulation_plan.full_names(count), {}, {}
+    names, sessions, files = full_run_names(n_runs), {}, {}
     for name in names:
-        sessions[name] = {"rig": name, "log": str(collect_results.log_file(logs / name))}
-        files[f"rigs/{name}.yaml"] = simulation_plan.untold(
-            collect_results.simulated(logs / name, "rigs/*")
-        )
-    files["targets/board.yaml"] = collect_results.simulated(logs / names[0], "targets/*")
-    write_files(run, {"config.yaml": {"sessions": sessions}, **files})
-    snakemake(run, [f"results/{name}/calibration.json" for name in names], cores)
-    found = collect_results.full_runs(run, logs, names)
-    return {sensor: draw_statistics.of_runs(draws) for sensor, draws in found.items()}
+        sessions[name] = {"rig": name, "log": str(find_log_file(logs / name))}
+        files[f"rigs/{name}.yaml"] = remove_truth(read_simulated_config(logs / name, "rigs/*"))
+    files["targets/board.yaml"] = read_simulated_config(logs / names[0], "targets/*")
+    write_config_files(run_folder, {"config.yaml": {"sessions": sessions}, **files})
+    make_with_snakemake(run_folder, [f"results/{name}/calibration.json" for name in names], cores)
+    found = collect_full_runs(run_folder, logs, names)
+    return {sensor: compute_run_statistics(draws) for sensor, draws in found.items()}
 
 
-def lab_runs(work, quick, args):
+def measure_lab_faults(work_folder, is_quick, args):
     """{(fault, on): [lab.Outcome]} of logs with what labs get wrong, options on and off."""
-    faults, seeds = (lab_faults.QUICK, (1,)) if quick else (tuple(lab_faults.FAULTS), (1, 2, 3))
-    commands = lab_faults.simulations(faults, seeds)
+    faults, seeds = (QUICK_FAULTS, (1,)) if is_quick else (tuple(LAB_FAULTS), (1, 2, 3))
+    commands = plan_lab_simulations(faults, seeds)
     tasks = [(fault, on, seed) for fault in faults for on in (True, False) for seed in seeds]
     with ThreadPoolExecutor(args.cores) as pool:
-        folders = [work / name for name in commands]
-        list(pool.map(simulate, folders, commands.values(), [args.keep_logs] * len(folders)))
-        found = list(pool.map(lambda task: lab_run(work, *task), tasks))
+        folders = [work_folder / name for name in commands]
+        list(pool.map(simulate_log, folders, commands.values(), [args.keep_logs] * len(folders)))
+        found = list(pool.map(lambda task: run_lab_log(work_folder, *task), tasks))
     out = {}
     for (fault, on, _), outcome in zip(tasks, found, strict=True):
         out.setdefault((fault, on), []).append(outcome)
     return out
 
 
-def lab_run(work, fault, on, seed):
+def run_lab_log(work_folder, fault, has_options_on, seed):
     """The lab.Outcome of one log."""
-    log = work / lab_faults.folder(fault, seed)
-    run = work / ("on" if on else "off") / log.name
+    log = work_folder / lab_log_name(fault, seed)
+    run = work_folder / ("on" if has_options_on else "off") / log.name
     shutil.copytree(log / "config", run / "config", dirs_exist_ok=True)
-    session = {"rig": "sim", "log": str(collect_results.log_file(log))}
-    settings = {"sessions": {"sim": session}, "solve": {"estimate": lab_faults.estimate(fault, on)}}
-    rig = lab_faults.stated(fault, collect_results.simulated(log, "rigs/*"))
-    write_files(run, {"config.yaml": settings, "rigs/sim.yaml": rig})
-    snakemake(run, ["results/sim/verdict.json"], 1)
-    return lab_faults.outcome(run / "results" / "sim", log)
+    session = {"rig": "sim", "log": str(find_log_file(log))}
+    settings = {
+        "sessions": {"sim": session},
+        "solve": {"estimate": lab_estimate_options(fault, has_options_on)},
+    }
+    rig = make_lab_rig(fault, read_simulated_config(log, "rigs/*"))
+    write_config_files(run, {"config.yaml": settings, "rigs/sim.yaml": rig})
+    make_with_snakemake(run, ["results/sim/verdict.json"], 1)
+    return read_lab_outcome(run / "results" / "sim", log)
 
 
-def measured(work, cases, placements, draws, args):
+def measure_accuracy(work_folder, cases, placements, draws, args):
     """(Lines, cost.Speed, (draws, coverage, full runs)) of the cases, below the folder work."""
-    logs, run, runs = work / "logs", work / "run", max(1, draws // 5)
-    commands = simulation_plan.simulations(cases, placements, runs)
+    logs, run, runs = work_folder / "logs", work_folder / "run", max(1, draws // 5)
+    commands = plan_simulations(cases, placements, runs)
     with ThreadPoolExecutor(args.cores) as pool:
         folders = [logs / name for name in commands]
-        list(pool.map(simulate, folders, commands.values(), [args.keep_logs] * len(folders)))
-    for home in sorted({simulation_plan.home(case) for case in cases}):
-        mine = [case for case in cases if simulation_plan.home(case) == home]
-        write_config(run / home, logs, mine)
-        snakemake(run / home, simulation_plan.jobs(mine), args.cores)
-    lines = error_metrics.lines(collect_results.outcomes(run, logs, cases))
-    speeds = speed(logs, run, cases, args.cores)
-    pending = parallel_draws.tasks(run, logs, collect_results.load(run)[0], cases, draws)
-    drawn, covered = parallel_draws.everything(pending, 10 * draws, args.cores)
-    return lines, speeds, (drawn, covered, full_runs(logs, run / "full", runs, args.cores))
+        list(pool.map(simulate_log, folders, commands.values(), [args.keep_logs] * len(folders)))
+    for home in sorted({case_folder(case) for case in cases}):
+        mine = [case for case in cases if case_folder(case) == home]
+        write_run_config(run / home, logs, mine)
+        make_with_snakemake(run / home, calibration_paths(mine), args.cores)
+    lines = summarize_outcomes(collect_outcomes(run, logs, cases))
+    speeds = measure_run_speed(logs, run, cases, args.cores)
+    pending = plan_draw_tasks(run, logs, load_run_config(run)[0], cases, draws)
+    drawn, covered = run_all_draws(pending, 10 * draws, args.cores)
+    return lines, speeds, (drawn, covered, measure_full_runs(logs, run / "full", runs, args.cores))
 
 
 def main(argv=None):
-    args = parse(argv)
+    args = parse_benchmark_arguments(argv)
     draws = args.draws or (4 if args.quick else 100)
-    sizes = accuracy_cases.cases(args.quick), 5 if args.quick else 30, draws
-    lines, speeds, found = measured(args.work.resolve(), *sizes, args)
+    sizes = list_accuracy_cases(args.quick), 5 if args.quick else 30, draws
+    lines, speeds, found = measure_accuracy(args.work.resolve(), *sizes, args)
     sections = [
-        lab_faults_page.section(lab_runs(args.work.resolve() / "lab", args.quick, args)),
-        decode_cost.section(decode_cost.measured(args.work.resolve() / "ingest", args.quick)),
-        fuzzing_page.section(run_cases.everything(500 if args.quick else 10_000, 1, args.cores)),
+        build_lab_section(measure_lab_faults(args.work.resolve() / "lab", args.quick, args)),
+        build_decode_section(measure_decode_costs(args.work.resolve() / "ingest", args.quick)),
+        build_fuzz_section(run_fuzz_campaign(500 if args.quick else 10_000, 1, args.cores)),
     ]
-    text = benchmark_page.whole(lines, speeds, found, sections, args.quick)
+    text = render_benchmark_page(lines, speeds, found, sections, args.quick)
     print(text)
     if not args.quick:
         args.docs.mkdir(parents=True, exist_ok=True)
         (args.docs / "benchmark.md").write_text(text)
-        (args.docs / "benchmark.svg").write_bytes(error_chart.svg(lines, found[0]))
+        (args.docs / "benchmark.svg").write_bytes(render_error_chart_svg(lines, found[0]))
 
 
 if __name__ == "__main__":

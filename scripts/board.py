@@ -10,37 +10,39 @@ import argparse
 import sys
 from pathlib import Path
 
-from calib.io import config, safe_yaml
+from calib.io.config import validate_and_complete
+from calib.io.safe_yaml import load_yaml
 from calib.io.status import InputError
-from calib.targets import board_pdf, target_shapes
+from calib.targets.board_pdf import PAGE_SIZES_MM, lay_out_sheet, write_board_pdf
+from calib.targets.target_shapes import target_from_config
 
 
-def parse(argv):
+def parse_board_arguments(argv):
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
     add("target", type=Path, metavar="TARGET.yaml")
     add("out", type=Path, metavar="OUT.pdf")
-    add("--page", choices=[*board_pdf.PAGES, "custom"], default="custom")
+    add("--page", choices=[*PAGE_SIZES_MM, "custom"], default="custom")
     add("--turn-deg", type=float, default=0.0, help="turns the board on the page, to the left")
     return parser.parse_args(argv)
 
 
-def draw(path, out, page, turn_deg):
+def draw_target_pdf(path, out, page, turn_deg):
     """Write the sheet of a target's config; its size (2,), mm."""
-    block = config.complete("target", safe_yaml.load(path), path)
+    block = validate_and_complete("target", load_yaml(path), path)
     if block["shape"] != "board":
         raise InputError(f"{path}: shape {block['shape']}; only a board can be printed")
-    laid_out = board_pdf.lay_out(target_shapes.from_config(block), path.stem, page, turn_deg)
-    board_pdf.write(out, laid_out)
-    return laid_out.size
+    laid_out = lay_out_sheet(target_from_config(block), path.stem, page, turn_deg)
+    write_board_pdf(out, laid_out)
+    return laid_out.size_mm
 
 
 def main(argv=None):
-    args = parse(argv)
+    args = parse_board_arguments(argv)
     try:
-        wide, high = draw(args.target, args.out, args.page, args.turn_deg)
+        wide, high = draw_target_pdf(args.target, args.out, args.page, args.turn_deg)
     except InputError as error:
         sys.exit(f"error: {error}")
     print(f"wrote {args.out}: {wide:.0f} × {high:.0f} mm", file=sys.stderr)

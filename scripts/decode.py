@@ -9,54 +9,58 @@ Writes  mocap.parquet   every pose of every body as recorded, with a fault where
 Decides nothing about quality: a missing topic or body becomes a status, and the rest goes on.
 """
 
-from calib.decoding import body_tracks, decoded_log, sensor_audit
-from calib.io import parquet_tables, stage_cli, table_schemas
-from calib.io.logs import open_log
-from calib.io.stage_cli import logger
+from calib.decoding.body_tracks import audit_body, build_mocap_columns
+from calib.decoding.decoded_log import build_frame_columns, decode_log, infer_stream_clocks
+from calib.decoding.sensor_audit import audit_sensor, describe_unreadable_messages
+from calib.io.logs.open_log import open_log
+from calib.io.parquet_tables import write_table
+from calib.io.stage_cli import logger, make_argument_parser, run_stage, write_json
+from calib.io.table_schemas import FRAMES_SCHEMA, MOCAP_SCHEMA
 
 
-def audit(options, log, recording, clocks, tables_of):
-    """The content of log.json; tables_of: columns of mocap.parquet and of frames.parquet, and what
+def build_log_audit(options, log, recording, clocks, decoded_tables):
+    """The content of log.json; decoded_tables: columns of mocap.parquet and of frames.parquet, and what
     was found about each topic of motion capture, in words."""
-    poses, frames, words = tables_of
+    poses, frames, words = decoded_tables
     mocap = options["mocap"]
     sensors = {
-        name: sensor_audit.sensor_audit(name, recording, log.topics, frames, clocks)
+        name: audit_sensor(name, recording, log.topics, frames, clocks)
         for name in sorted(options["sensors"])
     }
     return {
         "fingerprint": options["fingerprint"],
-        "faults": [*log.faults, *sensor_audit.unread(recording)],
+        "faults": [*log.read_errors, *describe_unreadable_messages(recording)],
         "topics": {k: {"type": t, "messages": n} for k, (t, n) in sorted(log.topics.items())},
         "mocap": {t: clocks[t].to_dict() | {"found": found} for t, found in sorted(words.items())},
-        "bodies": {
-            n: body_tracks.audit(poses, n, recording, log, mocap) for n in options["bodies"]
-        },
+        "bodies": {n: audit_body(poses, n, recording, log, mocap) for n in options["bodies"]},
         "sensors": sensors,
         "static": [
             {"parent": parent, "child": child, "T": T}
-            for (parent, child), T in sorted(recording.static.items())
+            for (parent, child), T in sorted(recording.static_transforms.items())
         ],
     }
 
 
 def main(argv=None):
-    args = stage_cli.parser(
+    args = make_argument_parser(
         __doc__, mocap="output", frames="output", audit="output", options="slice of the config"
     ).parse_args(argv)
     options = args.options
-    log = open_log.open_log(options["log"])
-    recording = decoded_log.read(log, options)
-    clocks = decoded_log.clocks(recording)
-    poses, words = body_tracks.columns(recording, clocks, options["mocap"])
-    frames = decoded_log.frame_columns(recording.frames, clocks)
-    found = audit(options, log, recording, clocks, (poses, frames, words))
-    parquet_tables.write(
-        args.mocap, table_schemas.MOCAP, poses, notes={"topics": recording.streams.topics()}
+    log = open_log(options["log"])
+    recording = decode_log(log, options)
+    clocks = infer_stream_clocks(recording)
+    poses, words = build_mocap_columns(recording, clocks, options["mocap"])
+    frames = build_frame_columns(recording.frame_rows, clocks)
+    found = build_log_audit(options, log, recording, clocks, (poses, frames, words))
+    write_table(
+        args.mocap,
+        MOCAP_SCHEMA,
+        poses,
+        notes={"topics": recording.streams.topics_by_frame()},
     )
-    parquet_tables.write(args.frames, table_schemas.FRAMES, frames)
-    stage_cli.write_json(args.audit, found)
-    logger.info("%d poses, %d frames", len(poses["t"]), len(frames["t"]))
+    write_table(args.frames, FRAMES_SCHEMA, frames)
+    write_json(args.audit, found)
+    logger.info("%d poses, %d frames", len(poses["stamp_ns"]), len(frames["stamp_ns"]))
     for fault in found["faults"]:
         logger.warning("%s", fault)
     for name, about in found["sensors"].items():
@@ -68,4 +72,4 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-    stage_cli.run(main)
+    run_stage(main)

@@ -13,38 +13,43 @@ import shutil
 
 import numpy as np
 
-from calib.export import accepted_calibrations, export_readme, urdf_sensor_joints
-from calib.export.calibrated_scene import scene, session
-from calib.export.formats import format_registry
-from calib.io import atomic_files, parquet_tables, stage_cli, table_schemas, urdf_file
-from calib.io.stage_cli import logger
+from calib.export.accepted_calibrations import accept_calibration
+from calib.export.calibrated_scene import build_export_scene, build_export_session
+from calib.export.export_readme import README_FILE_NAME, render_export_readme
+from calib.export.formats.format_registry import FORMATS
+from calib.export.urdf_sensor_joints import compute_joint_origins
+from calib.io.atomic_files import atomic_folder, atomic_write, remove_folder
+from calib.io.parquet_tables import read_table
+from calib.io.stage_cli import logger, make_argument_parser, read_json, run_stage
 from calib.io.status import InputError, Status
-from calib.sensors import lens_from_log
+from calib.io.table_schemas import FRAMES_SCHEMA, PLACEMENTS_SCHEMA
+from calib.io.urdf_file import read_urdf_joints, replace_joint_origins, urdf_backup_path
+from calib.sensors.lens_from_log import with_lens_from_log
 
 
-def read_sessions(args, calibration):
+def read_export_sessions(args, calibration):
     """The formats' Sessions by name, of those with a message; per-sensor files come by session,
     then sensor, both sorted."""
     views, out = iter(args.views), {}
     used = sorted(args.options["sessions"].items())
     for (name, sensors), frames, table in zip(used, args.frames, args.placements, strict=True):
-        columns, _, _ = parquet_tables.read(frames, table_schemas.FRAMES, ("log_t",))
-        placements, _, _ = parquet_tables.read(table, table_schemas.PLACEMENTS)
+        columns, _, _ = read_table(frames, FRAMES_SCHEMA, ("log_time_ns",))
+        placements, _, _ = read_table(table, PLACEMENTS_SCHEMA)
         paths = {s: next(views) for s in sorted(sensors)}
-        if len(columns["log_t"]):
-            start = int(np.min(columns["log_t"]))
-            out[name] = session(name, start, calibration, placements, paths)
+        if len(columns["log_time_ns"]):
+            start = int(np.min(columns["log_time_ns"]))
+            out[name] = build_export_session(name, start, calibration, placements, paths)
     return out
 
 
-def with_lenses(args):
+def complete_lens_options(args):
     """The options, with the lens of every camera whose parameters the config leaves to the log."""
     names = [n for _, used in sorted(args.options["sessions"].items()) for n in sorted(used)]
-    guesses = zip(names, map(stage_cli.read_json, args.guesses), strict=True)
-    return args.options | {"sensors": lens_from_log.told(args.options["sensors"], guesses)}
+    guesses = zip(names, map(read_json, args.guesses), strict=True)
+    return args.options | {"sensors": with_lens_from_log(args.options["sensors"], guesses)}
 
 
-def patch(path, described):
+def patch_urdf(path, scene):
     """Place the sensors of a Scene in the URDF at a path; returns ({child link: T_parent_child},
     {sensor: Status of why it is not among them}).
 
@@ -53,39 +58,42 @@ def patch(path, described):
     """
     path = path.resolve()
     data = path.read_bytes()
-    joints = urdf_file.read(data, path)
-    placed, unplaced = urdf_sensor_joints.poses(joints, described)
+    joints = read_urdf_joints(data, path)
+    placed, unplaced = compute_joint_origins(joints, scene)
     if unplaced and not placed:
         reasons = "; ".join(f"{n}: {status}" for n, status in sorted(unplaced.items()))
         raise InputError(f"{path.name}: no sensor can be placed in it: {reasons}")
-    changed = urdf_file.patched(data, joints, placed)
-    for joint in urdf_file.read(changed, path):
-        if joint.child in placed and np.abs(joint.T - placed[joint.child]).max() > 1e-12:
+    changed = replace_joint_origins(data, joints, placed)
+    for joint in read_urdf_joints(changed, path):
+        if (
+            joint.child in placed
+            and np.abs(joint.T_parent_child - placed[joint.child]).max() > 1e-12
+        ):
             raise InputError(f"{path}: joint {joint.name} cannot be written; the file is untouched")
     if changed != data:
-        backup = urdf_file.backup_of(path)
+        backup = urdf_backup_path(path)
         if not backup.exists():
-            replace(backup, data, path)
-        replace(path, changed, path)
+            replace_file(backup, data, path)
+        replace_file(path, changed, path)
     return placed, unplaced
 
 
-def replace(path, data, like):
+def replace_file(path, data, permissions_from):
     """Write a file in one step, with the permissions of another, and through to the disk."""
-    with atomic_files.whole(path) as part:
+    with atomic_write(path) as part:
         with part.open("wb") as new:
             new.write(data)
             new.flush()
             os.fsync(new.fileno())
-        shutil.copymode(like, part)
+        shutil.copymode(permissions_from, part)
 
 
-def write(folder, described):
+def write_export_files(folder, scene):
     """Write the files of all formats; returns {format: {file name: Status}}."""
     out = {}
-    for name, module in format_registry.FORMATS.items():
+    for name, module in FORMATS.items():
         out[name] = {}
-        for file, content in sorted(module.render(described).items()):
+        for file, content in sorted(module.render_files(scene).items()):
             out[name][file] = content if isinstance(content, Status) else Status()
             if isinstance(content, Status):
                 logger.warning("not written: %s: %s", file, content)
@@ -99,7 +107,7 @@ def write(folder, described):
 
 
 def main(argv=None):
-    args = stage_cli.parser(
+    args = make_argument_parser(
         __doc__,
         calibration="input",
         verdict="input",
@@ -112,27 +120,29 @@ def main(argv=None):
         history="folder of the calibrations that were accepted",
         options="slice of the config",
     ).parse_args(argv)
-    atomic_files.remove_folder(args.output)
-    calibration, judged = stage_cli.read_json(args.calibration), stage_cli.read_json(args.verdict)
+    remove_folder(args.output)
+    calibration, judged = read_json(args.calibration), read_json(args.verdict)
     if judged["verdict"] == "fail":
         raise InputError(
             f"{calibration['rig']} is not exported, its calibration failed:\n  "
             + "\n  ".join(judged["reasons"])
         )
-    described = scene(calibration, with_lenses(args), read_sessions(args, calibration))
-    mounted = {path: patch(path, described) for path in args.urdf}
+    described = build_export_scene(
+        calibration, complete_lens_options(args), read_export_sessions(args, calibration)
+    )
+    mounted = {path: patch_urdf(path, described) for path in args.urdf}
     for path, (placed, unplaced) in mounted.items():
         logger.info("%s: placed %s", path, ", ".join(sorted(placed)) or "no joint")
         for name, status in sorted(unplaced.items()):
             logger.warning("%s: %s is not placed: %s", path, name, status)
-    with atomic_files.whole_folder(args.output) as folder:
-        written = write(folder, described)
-        (folder / export_readme.FILE).write_text(
-            export_readme.render(described, written, judged, mounted)
+    with atomic_folder(args.output) as folder:
+        written = write_export_files(folder, described)
+        (folder / README_FILE_NAME).write_text(
+            render_export_readme(described, written, judged, mounted)
         )
-        accepted = accepted_calibrations.accept(args.history, calibration)
+        accepted = accept_calibration(args.history, calibration)
     logger.info("accepted as %s", accepted)
 
 
 if __name__ == "__main__":
-    stage_cli.run(main)
+    run_stage(main)

@@ -1,10 +1,10 @@
 """What one sensor saw of the targets.
 
-Reads   views.parquet, motion.parquet, placements.parquet, mocap.parquet, guess.json
+Reads   views.parquet, moving_views.parquet, placements.parquet, mocap.parquet, guess.json
 Writes  keypoints.parquet: corners; returns near a target's surface, a superset from which solve
         chooses; outline crossings. Each with its σ and stamp. Its notes hold the outcome of every
         kept view, expected against found, and the working pose that the sensor's views agree on.
-        tracked.parquet: likewise of targets in motion, whose number of a placement is the view's
+        moving_keypoints.parquet: likewise of targets in motion, whose number of a placement is the view's
 Starts from the guess and refines its working pose over its own views; never from a truth.
 """
 
@@ -12,62 +12,78 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.estimation import measurement_groups, moving_view_poses
-from calib.extraction import extraction_inputs, extractor_registry
-from calib.io import parquet_tables, stage_cli, table_schemas
-from calib.io.stage_cli import logger
-from calib.io.status import OK, failed
-from calib.mocap import body_trajectory
-from calib.mocap.body_trajectory import NS
-from calib.sensors import sensor_models
-from calib.targets import target_shapes
-from calib.views import frame_selection
+from calib.estimation.measurement_groups import make_still_placements
+from calib.estimation.moving_view_poses import make_moving_placement
+from calib.extraction.extraction_inputs import ExtractionContext
+from calib.extraction.extractor_registry import KEYPOINT_EXTRACTORS, extract_views_at_pose
+from calib.io.parquet_tables import empty_columns, read_table, write_table
+from calib.io.stage_cli import (
+    limit_opencv_threads,
+    logger,
+    make_argument_parser,
+    read_json,
+    run_stage,
+)
+from calib.io.status import OK, failure_status
+from calib.io.table_schemas import (
+    CAMERA_VIEWS_SCHEMA,
+    KEYPOINTS_SCHEMA,
+    LIDAR_VIEWS_SCHEMA,
+    MOCAP_SCHEMA,
+    PLACEMENTS_SCHEMA,
+)
+from calib.mocap.body_trajectory import NS_PER_S, target_trajectories
+from calib.sensors.sensor_models import sensor_model_from_config, with_log_metadata
+from calib.targets.target_shapes import target_from_config
+from calib.views.frame_selection import mounts_from_guess
 
-SCHEMAS = {"camera": table_schemas.VIEWS_CAMERA, "lidar": table_schemas.VIEWS_LIDAR}
+VIEW_SCHEMAS = {"camera": CAMERA_VIEWS_SCHEMA, "lidar": LIDAR_VIEWS_SCHEMA}
 
 
-def job_of(options, model, table, guess):
+def make_extraction_context(options, model, placement_table, guess):
     """What extraction needs to know of this sensor and session."""
-    sigma, mounts = np.array(guess["sigma"]), frame_selection.mounts(options["targets"], guess)
-    return extraction_inputs.Job(
+    sigma, mounts = np.array(guess["sigma"]), mounts_from_guess(options["targets"], guess)
+    return ExtractionContext(
         name=options["name"],
         model=model,
-        targets={n: target_shapes.from_config(c) for n, c in options["targets"].items()},
-        places=measurement_groups.still(table, "", options["targets"], options["mocap"], mounts),
+        targets={n: target_from_config(c) for n, c in options["targets"].items()},
+        placements=make_still_placements(
+            placement_table, "", options["targets"], options["mocap"], mounts
+        ),
         T_robot_sensor=np.array(guess["T_robot_sensor"]["matrix"]),
-        sigma=sigma,
-        margin=options["crop"]["margin_sigma"] * sigma,
-        options=options["extract"],
-        associate=options["associate"],
-        crop=options["crop"],
+        guess_sigma=sigma,
+        pose_margin=options["crop"]["margin_sigma"] * sigma,
+        extract_options=options["extract"],
+        associate_options=options["associate"],
+        crop_options=options["crop"],
     )
 
 
-def in_motion(known, views, T_robot_sensor, options, poses, guess):
+def extract_moving_views(context, views, T_robot_sensor, options, poses, guess):
     """Keypoints and outcomes of the views of targets in motion; poses: columns of mocap.parquet."""
-    blocks, late = options["targets"], round(guess["time_offset_s"]["value"] * NS)
+    blocks, late = options["targets"], round(guess["time_offset_s"]["value"] * NS_PER_S)
     bodies = {n: c["body"] for n, c in blocks.items()}
-    paths = body_trajectory.trajectories(poses, options["body"], bodies, options["max_gap_s"])
-    mounts, places = frame_selection.mounts(blocks, guess), {}
+    paths = target_trajectories(poses, options["body"], bodies, options["max_gap_s"])
+    mounts, places = mounts_from_guess(blocks, guess), {}
     for i in np.flatnonzero(views["kept"]):
         target = str(views["target"][i])
-        t = int(views["t"][i]) + late
-        if "dt" in views:
-            t += int(np.median(views["dt"][i]))
-        given = known.name, t, paths[target], mounts[target], options["mocap"]
-        places[int(views["placement"][i])] = moving_view_poses.placement("", target, *given)
-    there = replace(known, places={k: p for k, p in places.items() if p is not None})
-    return extractor_registry.at(options["sensor"]["kind"], there, views, T_robot_sensor)
+        t = int(views["stamp_ns"][i]) + late
+        if "point_time_ns" in views:
+            t += int(np.median(views["point_time_ns"][i]))
+        given = context.name, t, paths[target], mounts[target], options["mocap"]
+        places[int(views["placement"][i])] = make_moving_placement("", target, *given)
+    there = replace(context, placements={k: p for k, p in places.items() if p is not None})
+    return extract_views_at_pose(options["sensor"]["kind"], there, views, T_robot_sensor)
 
 
-def summary(name, outcomes, keypoints):
+def extraction_status(name, outcomes, keypoints):
     """Ok, or why nothing was extracted from the kept views."""
     if len(keypoints["view"]):
         return OK
     reasons = [s.reason for _, s in outcomes]
     counts = ", ".join(f"{reasons.count(r)} × {r}" for r in sorted(set(reasons)))
     most = max((s for _, s in outcomes), key=lambda s: reasons.count(s.reason), default=OK)
-    return failed(
+    return failure_status(
         f"{name}: nothing found in {len(outcomes)} views",
         counts,
         "a target in some",
@@ -77,46 +93,46 @@ def summary(name, outcomes, keypoints):
 
 
 def main(argv=None):
-    args = stage_cli.parser(
+    args = make_argument_parser(
         __doc__,
         views="input",
-        motion="input",
+        moving_views="input",
         placements="input",
         mocap="input",
         guess="input",
         output="output",
-        tracked="output",
+        moving_keypoints="output",
         options="slice of the config",
     ).parse_args(argv)
-    stage_cli.limit_threads()
+    limit_opencv_threads()
     options = args.options
     kind = options["sensor"]["kind"]
-    views, status, _ = parquet_tables.read(args.views, SCHEMAS[kind])
-    guess = stage_cli.read_json(args.guess)
-    keypoints, outcomes, T = parquet_tables.empty(table_schemas.KEYPOINTS), [], None
-    tracked, followed = parquet_tables.empty(table_schemas.KEYPOINTS), []
+    views, status, _ = read_table(args.views, VIEW_SCHEMAS[kind])
+    guess = read_json(args.guess)
+    keypoints, outcomes, T = empty_columns(KEYPOINTS_SCHEMA), [], None
+    tracked, followed = empty_columns(KEYPOINTS_SCHEMA), []
     if status.ok:
-        table, _, _ = parquet_tables.read(args.placements, table_schemas.PLACEMENTS)
-        known = job_of(
+        table, _, _ = read_table(args.placements, PLACEMENTS_SCHEMA)
+        known = make_extraction_context(
             options,
-            sensor_models.model(sensor_models.heard(options["sensor"], guess)),
+            sensor_model_from_config(with_log_metadata(options["sensor"], guess)),
             table,
             guess,
         )
-        keypoints, outcomes, T = extractor_registry.SENSORS[kind](known, views)
-        status = summary(options["name"], outcomes, keypoints)
+        keypoints, outcomes, T = KEYPOINT_EXTRACTORS[kind](known, views)
+        status = extraction_status(options["name"], outcomes, keypoints)
     if status.ok:
-        moving, _, _ = parquet_tables.read(args.motion, SCHEMAS[kind])
-        poses, _, _ = parquet_tables.read(args.mocap, table_schemas.MOCAP)
-        tracked, followed = in_motion(known, moving, T, options, poses, guess)
+        moving, _, _ = read_table(args.moving_views, VIEW_SCHEMAS[kind])
+        poses, _, _ = read_table(args.mocap, MOCAP_SCHEMA)
+        tracked, followed = extract_moving_views(known, moving, T, options, poses, guess)
     notes = {
         "outcomes": [{"view": v, "status": s.to_dict()} for v, s in outcomes],
         "T_robot_sensor": None if T is None else T.tolist(),
         "guess": guess,
     }
-    parquet_tables.write(args.output, table_schemas.KEYPOINTS, keypoints, status, notes)
+    write_table(args.output, KEYPOINTS_SCHEMA, keypoints, status, notes)
     told = [{"view": v, "status": s.to_dict()} for v, s in followed]
-    parquet_tables.write(args.tracked, table_schemas.KEYPOINTS, tracked, status, {"outcomes": told})
+    write_table(args.moving_keypoints, KEYPOINTS_SCHEMA, tracked, status, {"outcomes": told})
     for view, outcome in outcomes:
         if not outcome.ok:
             logger.info("view %d: %s", view, outcome)
@@ -127,4 +143,4 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-    stage_cli.run(main)
+    run_stage(main)

@@ -6,41 +6,49 @@ Writes  index.html, complete in itself but for its links
 Decides nothing; a rig whose jobs stopped is shown with what stopped them.
 """
 
-from calib.export import accepted_calibrations
-from calib.io import atomic_files, stage_cli
-from calib.io.stage_cli import logger
+from calib.export.accepted_calibrations import read_earlier_calibrations
+from calib.io.atomic_files import write_file
+from calib.io.stage_cli import logger, make_argument_parser, read_json, run_stage
 from calib.io.status import InputError
-from calib.report.page import html_page, rigs_page
+from calib.report.page.html_page import render_template
+from calib.report.page.rigs_page import build_rig_overview
 
 
-def of_rig(home, sessions, stopped):
+def collect_rig_summary(rig_folder, sessions, job_errors):
     """What is told of the rig whose results are in a folder."""
-    told = {"name": home.name, "stopped": stopped, "found": None, "links": links(home)}
-    paths = home / "calibration.json", home / "verdict.json"
+    told = {
+        "name": rig_folder.name,
+        "stopped": job_errors,
+        "found": None,
+        "links": rig_page_links(rig_folder),
+    }
+    paths = rig_folder / "calibration.json", rig_folder / "verdict.json"
     if not all(path.exists() for path in paths):
-        return told | {"stopped": stopped or ["not calibrated yet"]}
-    calibration, verdict = (stage_cli.read_json(path) for path in paths)
-    audits = {s: _audit(home / s / "log.json") for s in sessions}
+        return told | {"stopped": job_errors or ["not calibrated yet"]}
+    calibration, verdict = (read_json(path) for path in paths)
+    audits = {s: _read_audit_if_present(rig_folder / s / "log.json") for s in sessions}
     try:
-        earlier = accepted_calibrations.before(home / "history", calibration)
+        earlier = read_earlier_calibrations(rig_folder / "history", calibration)
     except InputError as error:
-        earlier, told["stopped"] = [], [*stopped, str(error)]
-    return told | {"found": rigs_page.of_rig(calibration, verdict, earlier, audits)}
+        earlier, told["stopped"] = [], [*job_errors, str(error)]
+    return told | {"found": build_rig_overview(calibration, verdict, earlier, audits)}
 
 
-def _audit(path):
-    return stage_cli.read_json(path) if path.exists() else None
+def _read_audit_if_present(path):
+    return read_json(path) if path.exists() else None
 
 
-def links(home):
+def rig_page_links(rig_folder):
     """[(words, path from the page)] of what a rig has."""
     known = {"report": "report.html", "on paper": "report.pdf", "export": "export"}
     known |= {"calibration.json": "calibration.json", "history": "history"}
-    return [(word, f"{home.name}/{p}") for word, p in known.items() if (home / p).exists()]
+    return [
+        (word, f"{rig_folder.name}/{p}") for word, p in known.items() if (rig_folder / p).exists()
+    ]
 
 
 def main(argv=None):
-    args = stage_cli.parser(
+    args = make_argument_parser(
         __doc__,
         results="folder",
         templates="*input, Jinja2, style and scripts of the page",
@@ -48,11 +56,11 @@ def main(argv=None):
         options="{rigs: {name: {sessions, stopped}}}",
     ).parse_args(argv)
     rigs = sorted(args.options["rigs"].items())
-    told = [of_rig(args.results / n, r["sessions"], r["stopped"]) for n, r in rigs]
-    page = html_page.render(args.templates, "index.html.j2", {"rigs": told})
-    atomic_files.write(args.output, page)
+    told = [collect_rig_summary(args.results / n, r["sessions"], r["stopped"]) for n, r in rigs]
+    page = render_template(args.templates, "index.html.j2", {"rigs": told})
+    write_file(args.output, page)
     logger.info("%s: %d rigs", args.output, len(told))
 
 
 if __name__ == "__main__":
-    stage_cli.run(main)
+    run_stage(main)

@@ -5,14 +5,14 @@ Writes  calibration.json  the results as robots and people read them
         verdict.json      the verdict, its reasons, the limits it was judged by
 """
 
-from calib.io import config, stage_cli
-from calib.io.stage_cli import logger
-from calib.verdict import rig_verdict
+from calib.io.config import validate_and_complete
+from calib.io.stage_cli import logger, make_argument_parser, read_json, run_stage, write_json
+from calib.verdict.rig_verdict import rig_findings
 
-SCHEMA_VERSION = 1
+CALIBRATION_SCHEMA_VERSION = 1
 
 
-def calibration(solution, overall, reasons, levels):
+def calibration_json(solution, overall, reasons, levels):
     """The content of calibration.json."""
     keep = ("kind", "frame", "status", "guess", "T_robot_sensor", "covariance", "weakest")
     keep += ("placements", "observations", "points", "rejected", "residual", "undetermined")
@@ -23,7 +23,7 @@ def calibration(solution, overall, reasons, levels):
         for name, sensor in solution["sensors"].items()
     }
     return {
-        "schema_version": SCHEMA_VERSION,
+        "schema_version": CALIBRATION_SCHEMA_VERSION,
         "rig": solution["rig"],
         "verdict": overall,
         "reasons": reasons,
@@ -42,7 +42,7 @@ def calibration(solution, overall, reasons, levels):
 
 
 def main(argv=None):
-    args = stage_cli.parser(
+    args = make_argument_parser(
         __doc__,
         solution="input",
         calibration="output",
@@ -50,18 +50,18 @@ def main(argv=None):
         options="slice of the config",
     ).parse_args(argv)
     limits = args.options["judge"]
-    solution = stage_cli.read_json(args.solution)
-    overall, findings, levels = rig_verdict.of_rig(solution, limits)
+    solution = read_json(args.solution)
+    overall, findings, levels = rig_findings(solution, limits)
     reasons = [f["text"] for f in findings]
-    result = calibration(solution, overall, reasons, levels)
-    stage_cli.write_json(args.calibration, config.complete("calibration", result, args.calibration))
+    result = calibration_json(solution, overall, reasons, levels)
+    write_json(args.calibration, validate_and_complete("calibration", result, args.calibration))
     judged = {"verdict": overall, "reasons": reasons, "findings": findings}
     judged |= {"sensors": levels, "limits": limits}
-    stage_cli.write_json(args.verdict, config.complete("verdict", judged, args.verdict))
+    write_json(args.verdict, validate_and_complete("verdict", judged, args.verdict))
     logger.info("%s: %s", solution["rig"], overall)
     for f in findings:
         logger.info("%s: %s; %s", f["level"], f["text"], f["remedy"])
 
 
 if __name__ == "__main__":
-    stage_cli.run(main)
+    run_stage(main)

@@ -8,47 +8,54 @@ them: what is out of view for certain is not seen, and of a pose that nobody sta
 payload is read. A verdict of fail says that no sensor can be calibrated.
 """
 
-from calib.io import atomic_files, parquet_tables, stage_cli, table_schemas
-from calib.io.stage_cli import logger
+from calib.io.atomic_files import atomic_write
+from calib.io.parquet_tables import read_table
+from calib.io.stage_cli import logger, make_argument_parser, read_json, run_stage, write_json
 from calib.io.status import Status
-from calib.report.page import preflight_text
-from calib.verdict import preflight_findings, preflight_visibility
+from calib.io.table_schemas import FRAMES_SCHEMA, MOCAP_SCHEMA, PLACEMENTS_SCHEMA
+from calib.report.page.preflight_text import PreflightRun, format_preflight
+from calib.verdict.preflight_findings import (
+    preflight_rig_findings,
+    sensor_visibility_json,
+    target_turns_json,
+)
+from calib.verdict.preflight_visibility import PreflightSession, assess_sensor_visibility
 
 
-def session_of(name, audit, frames, mocap, placements, options):
+def load_preflight_session(name, audit, frames, mocap, placements, options):
     """The looks.Session of the files of one."""
-    placed, status, notes = parquet_tables.read(placements, table_schemas.PLACEMENTS)
+    placed, status, notes = read_table(placements, PLACEMENTS_SCHEMA)
     about = options["sessions"][name]
-    return preflight_visibility.Session(
-        audit=stage_cli.read_json(audit),
-        frames=parquet_tables.read(frames, table_schemas.FRAMES)[0],
-        poses=parquet_tables.read(mocap, table_schemas.MOCAP)[0],
+    return PreflightSession(
+        audit=read_json(audit),
+        frames=read_table(frames, FRAMES_SCHEMA)[0],
+        poses=read_table(mocap, MOCAP_SCHEMA)[0],
         placements=placed,
         status=status,
-        targets={t: Status.from_dict(note) for t, note in sorted(notes.items())},
-        remounted=about["remounted"],
-        streams=tuple(about["sensors"]),
+        target_status={t: Status.from_dict(note) for t, note in sorted(notes.items())},
+        has_remounted_markers=about["remounted"],
+        sensor_names=tuple(about["sensors"]),
     )
 
 
-def judged(sessions, options):
+def preflight_json(sessions, options):
     """The content of preflight.json."""
     seen = {
         sensor: {
-            name: preflight_visibility.look(session, sensor, options)
+            name: assess_sensor_visibility(session, sensor, options)
             for name, session in sessions.items()
-            if sensor in session.streams
+            if sensor in session.sensor_names
         }
         for sensor in sorted(options["sensors"])
     }
-    verdict, findings, levels = preflight_findings.of_rig(sessions, seen, options)
+    verdict, findings, levels = preflight_rig_findings(sessions, seen, options)
     about = {"rig": options["rig"], "verdict": verdict, "findings": findings, "levels": levels}
-    targets = preflight_findings.turns(sessions, options)
-    return about | {"sensors": preflight_findings.numbers(seen), "targets": targets}
+    targets = target_turns_json(sessions, options)
+    return about | {"sensors": sensor_visibility_json(seen), "targets": targets}
 
 
 def main(argv=None):
-    args = stage_cli.parser(
+    args = make_argument_parser(
         __doc__,
         audits="*input log.json, one per session, in their order",
         mocap="*input, likewise",
@@ -61,14 +68,14 @@ def main(argv=None):
     options = args.options
     paths = zip(args.audits, args.frames, args.mocap, args.placements, strict=True)
     named = zip(sorted(options["sessions"]), paths, strict=True)
-    sessions = {name: session_of(name, *of, options) for name, of in named}
-    found = judged(sessions, options)
-    told = preflight_text.lines(options["rig"], found, preflight_text.Told(options, sessions))
-    with atomic_files.whole(args.text) as part:
+    sessions = {name: load_preflight_session(name, *of, options) for name, of in named}
+    found = preflight_json(sessions, options)
+    told = format_preflight(options["rig"], found, PreflightRun(options, sessions))
+    with atomic_write(args.text) as part:
         part.write_text("\n".join(told) + "\n")
-    stage_cli.write_json(args.json, found)
+    write_json(args.json, found)
     logger.info("%s: %s", options["rig"], found["verdict"])
 
 
 if __name__ == "__main__":
-    stage_cli.run(main)
+    run_stage(main)

@@ -10,43 +10,61 @@ Decides nothing; what could not be done is shown with its reason, found, expecte
 
 from plotly.offline import get_plotlyjs
 
-from calib.io import atomic_files, stage_cli
-from calib.io.stage_cli import logger
-from calib.report.data.load_run import read_run
-from calib.report.figures import (
-    correlation_figure,
-    coverage_figures,
-    cross_validation_figures,
-    message_timing_figure,
-    residual_figures,
-    residual_split_figures,
-    rig_figure,
-    scene_3d_data,
-    scene_3d_still,
-    svg_plots,
-    task_accuracy_figures,
+from calib.io.atomic_files import write_file
+from calib.io.stage_cli import logger, make_argument_parser, run_stage
+from calib.report.data.load_run import read_report_run
+from calib.report.figures.correlation_figure import draw_correlation_matrix
+from calib.report.figures.coverage_figures import draw_view_coverage
+from calib.report.figures.cross_validation_figures import (
+    draw_placement_influence,
+    draw_sigma_by_placements,
 )
-from calib.report.overlays import lidar_on_image, overlay_selection
-from calib.report.page import html_page, pdf_page
-from calib.report.sections import (
-    cross_validation,
-    diagnostics,
-    extrinsics,
-    frame_losses,
-    nuisance_parameters,
-    principal_directions,
-    provenance,
-    recording_audit,
-    residual_splits,
-    residual_tables,
-    task_accuracy,
-    verdict_summary,
-    view_coverage,
+from calib.report.figures.message_timing_figure import draw_message_timing
+from calib.report.figures.residual_figures import draw_residual_figures, draw_session_timeline
+from calib.report.figures.residual_split_figures import draw_quantile_plot, draw_rms_by_group
+from calib.report.figures.rig_figure import draw_rig
+from calib.report.figures.scene_3d_data import scene_3d_json
+from calib.report.figures.scene_3d_still import draw_scene_still
+from calib.report.figures.svg_plots import tile_drawings
+from calib.report.figures.task_accuracy_figures import draw_pixel_sigma_maps
+from calib.report.overlays.lidar_on_image import draw_lidar_on_images
+from calib.report.overlays.overlay_selection import draw_typical_overlay, draw_worst_overlays
+from calib.report.page.html_page import render_template
+from calib.report.page.pdf_page import PdfImages, encode_pdf
+from calib.report.sections.cross_validation import (
+    tabulate_leave_one_out,
+    tabulate_rejected_regions,
+    tabulate_session_repeatability,
+    tabulate_suspected_errors,
 )
+from calib.report.sections.diagnostics import tabulate_diagnostics
+from calib.report.sections.extrinsics import list_sensor_pairs, summarize_sensor_pose
+from calib.report.sections.frame_losses import tabulate_frame_losses
+from calib.report.sections.nuisance_parameters import tabulate_nuisance_parameters
+from calib.report.sections.principal_directions import tabulate_observability
+from calib.report.sections.provenance import summarize_provenance, tabulate_convergence
+from calib.report.sections.recording_audit import (
+    list_log_notes,
+    list_session_problems,
+    list_unused_topics,
+    tabulate_mocap_bodies,
+    tabulate_sensor_streams,
+)
+from calib.report.sections.residual_splits import tabulate_residual_splits
+from calib.report.sections.residual_tables import (
+    residuals_by_kind,
+    select_inlier_rows,
+    summarize_rejected,
+    tabulate_noise,
+    tabulate_residual_kinds,
+)
+from calib.report.sections.task_accuracy import TASK_RANGES_M, tabulate_task_accuracy
+from calib.report.sections.verdict_summary import summarize_verdict
+from calib.report.sections.view_coverage import compute_view_coverage, tabulate_view_coverage
 
-COLUMNS = {"extrinsics": 1, "coverage": 1, "residuals": 3}  # of the figures that are written
+FIGURE_COLUMNS = {"extrinsics": 1, "coverage": 1, "residuals": 3}  # of the figures that are written
 # Templates by name, and what they are headed by.
-SECTIONS = (
+PAGE_SECTIONS = (
     ("verdict", "Verdict"),
     ("provenance", "Provenance"),
     ("intake", "Intake"),
@@ -65,121 +83,126 @@ SECTIONS = (
 )
 
 
-def content(run):
+def build_page_context(run):
     """What the templates print, by section."""
-    sessions = [session(run, name) for name in run.sessions]
+    sessions = [build_session_context(run, name) for name in run.sessions]
     funnels = {s["name"]: s["funnel"] for s in sessions}
     shown = {
-        "sections": SECTIONS,
+        "sections": PAGE_SECTIONS,
         "title": run.options["report"]["title"] or run.options["rig"],
         "rig": run.options["rig"],
         "body": run.options["body"],
-        "verdict": verdict_summary.verdict(run),
-        "provenance": provenance.provenance(run),
+        "verdict": summarize_verdict(run),
+        "provenance": summarize_provenance(run),
         "sessions": sessions,
-        "coverage": [covered(run, n) for n in run.sensors],
+        "coverage": [build_coverage_context(run, n) for n in run.sensors],
         "gallery": [
-            {"name": n, "kind": s["kind"], "views": overlay_selection.of_sensor(run, n)}
+            {"name": n, "kind": s["kind"], "views": draw_worst_overlays(run, n)}
             for n, s in run.sensors.items()
         ],
-        "residuals": [left_over(run, n) for n in run.sensors],
-        "unknowns": nuisance_parameters.other_unknowns(run),
-        "noise": residual_tables.noise(run),
+        "residuals": [build_residuals_context(run, n) for n in run.sensors],
+        "unknowns": tabulate_nuisance_parameters(run),
+        "noise": tabulate_noise(run),
         "mocap_factor": run.calibration["noise"]["mocap_factor"],
-        "observability": principal_directions.rows(run),
-        "by_count": cross_validation_figures.sigma_by_count(run),
-        "overlays": lidar_on_image.draw(run),
+        "observability": tabulate_observability(run),
+        "by_count": draw_sigma_by_placements(run),
+        "overlays": draw_lidar_on_images(run),
         "typical": [
-            {"name": n, "kind": s["kind"], "views": overlay_selection.typical(run, n)}
+            {"name": n, "kind": s["kind"], "views": draw_typical_overlay(run, n)}
             for n, s in run.sensors.items()
         ],
-        "diagnostics": diagnostics.rows(run, funnels),
-        "suspicions": cross_validation.suspicions(run),
-        "convergence": provenance.convergence(run),
+        "diagnostics": tabulate_diagnostics(run, funnels),
+        "suspicions": tabulate_suspected_errors(run),
+        "convergence": tabulate_convergence(run),
     }
-    return shown | poses(run) | between(run) | validation(run)
+    return (
+        shown
+        | build_extrinsics_context(run)
+        | build_pairs_context(run)
+        | build_validation_context(run)
+    )
 
 
-def poses(run):
+def build_extrinsics_context(run):
     """Extrinsics, before and after."""
-    told = [extrinsics.of_sensor(run, n) for n in run.sensors]
+    told = [summarize_sensor_pose(run, n) for n in run.sensors]
     return {
         "extrinsics": told,
         "known": any(e["solved"] and e["error"] for e in told),
-        "strangers": run.strangers,
-        "rig_figure": rig_figure.draw(run),
-        "scene": scene_3d_data.content(run),
-        "scene_figure": scene_3d_still.draw(run),
-        "correlation": correlation_figure.draw(run),
+        "strangers": run.unknown_truth_sensors,
+        "rig_figure": draw_rig(run),
+        "scene": scene_3d_json(run),
+        "scene_figure": draw_scene_still(run),
+        "correlation": draw_correlation_matrix(run),
     }
 
 
-def between(run):
+def build_pairs_context(run):
     """Sensor to sensor, in poses and in what they mean for a task."""
-    pairs = extrinsics.between(run)
+    pairs = list_sensor_pairs(run)
     return {
         "between": pairs,
-        "pairs": task_accuracy.rows(run, pairs),
-        "ranges": [f"{r:g}" for r in task_accuracy.RANGES],
-        "task_figures": task_accuracy_figures.draw(run, pairs),
+        "pairs": tabulate_task_accuracy(run, pairs),
+        "ranges": [f"{r:g}" for r in TASK_RANGES_M],
+        "task_figures": draw_pixel_sigma_maps(run, pairs),
     }
 
 
-def validation(run):
+def build_validation_context(run):
     """Placements left out, and sessions by themselves."""
-    alone = [cross_validation_figures.influence(run, n) for n in run.sensors]
+    alone = [draw_placement_influence(run, n) for n in run.sensors]
     return {
-        "held_out": cross_validation.held_out(run),
+        "held_out": tabulate_leave_one_out(run),
         "influences": [drawing for drawing in alone if drawing],
-        "by_session": cross_validation.sessions(run),
+        "by_session": tabulate_session_repeatability(run),
     }
 
 
-def covered(run, name):
+def build_coverage_context(run, name):
     """Coverage of one sensor."""
-    found = view_coverage.of_sensor(run, name)
-    drawing = coverage_figures.draw(run, name, found) if found else None
-    return {"row": view_coverage.row(run, name, found), "drawing": drawing}
+    found = compute_view_coverage(run, name)
+    drawing = draw_view_coverage(run, name, found) if found else None
+    return {"row": tabulate_view_coverage(run, name, found), "drawing": drawing}
 
 
-def left_over(run, name):
+def build_residuals_context(run, name):
     """Residuals of one sensor."""
-    rows = residual_splits.of_sensor(run, name)
-    kinds = {k: residual_tables.members(c) for k, c in residual_tables.of(run, name).items()}
+    rows = tabulate_residual_splits(run, name)
+    kinds = {k: select_inlier_rows(c) for k, c in residuals_by_kind(run, name).items()}
     kinds = {k: c for k, c in kinds.items() if len(c["weight"])}
     more = (
-        residual_split_figures.quantiles(name, kinds),
-        residual_split_figures.by_group(name, rows),
+        draw_quantile_plot(name, kinds),
+        draw_rms_by_group(name, rows),
     )
     return {
         "name": name,
         "kind": run.sensors[name]["kind"],
-        "rows": residual_tables.overview(run, name),
-        "rejected": residual_tables.rejected(run, name),
-        "left_out": cross_validation.left_out(run, name),
+        "rows": tabulate_residual_kinds(run, name),
+        "rejected": summarize_rejected(run, name),
+        "left_out": tabulate_rejected_regions(run, name),
         "splits": rows,
-        "figures": residual_figures.of_sensor(run, name) + [f for f in more if f],
+        "figures": draw_residual_figures(run, name) + [f for f in more if f],
     }
 
 
-def session(run, name):
+def build_session_context(run, name):
     """Audit and funnel of one session."""
     return {
         "name": name,
-        "streams": recording_audit.streams(run, name),
-        "bodies": recording_audit.bodies(run, name),
-        "heard": recording_audit.heard(run, name),
-        "unused": recording_audit.unused_topics(run, name),
-        "problems": recording_audit.problems(run, name),
-        "intake": message_timing_figure.draw(run, name),
-        "funnel": frame_losses.table(run, name),
-        "timeline": residual_figures.timeline(run, name),
+        "streams": tabulate_sensor_streams(run, name),
+        "bodies": tabulate_mocap_bodies(run, name),
+        "heard": list_log_notes(run, name),
+        "unused": list_unused_topics(run, name),
+        "problems": list_session_problems(run, name),
+        "intake": draw_message_timing(run, name),
+        "funnel": tabulate_frame_losses(run, name),
+        "timeline": draw_session_timeline(run, name),
     }
 
 
-def arguments(argv):
+def parse_report_arguments(argv):
     """The parsed command line."""
-    return stage_cli.parser(
+    return make_argument_parser(
         __doc__,
         calibration="input",
         verdict="input",
@@ -199,42 +222,42 @@ def arguments(argv):
     ).parse_args(argv)
 
 
-def on_screen(templates, shown):
+def render_html_report(templates, context):
     """report.html."""
     more = {"on_paper": False, "plotly": get_plotlyjs()}
-    return html_page.render(templates, "report.html.j2", shown | more)
+    return render_template(templates, "report.html.j2", context | more)
 
 
-def on_paper(templates, shown):
+def render_pdf_report(templates, context):
     """report.pdf, of a page that finds its images by name."""
-    images = pdf_page.Images()
+    images = PdfImages()
     more = {"on_paper": True, "plotly": ""}
-    page = html_page.render(templates, "report.html.j2", shown | more, images.tag)
-    return pdf_page.to_pdf(page, images)
+    page = render_template(templates, "report.html.j2", context | more, images.add_drawing)
+    return encode_pdf(page, images)
 
 
-def write_figures(paths, shown):
+def write_figure_files(paths, context):
     """The main figures, each with all sensors, as files."""
     drawn = {
-        "extrinsics": [shown["rig_figure"]],
-        "coverage": [c["drawing"] for c in shown["coverage"]],
-        "residuals": [f for r in shown["residuals"] for f in r["figures"]],
+        "extrinsics": [context["rig_figure"]],
+        "coverage": [c["drawing"] for c in context["coverage"]],
+        "residuals": [f for r in context["residuals"] for f in r["figures"]],
     }
     for path in paths:
         parts = [d for d in drawn[path.stem] if d]
-        atomic_files.write(path, svg_plots.sheet(parts, COLUMNS[path.stem]))
+        write_file(path, tile_drawings(parts, FIGURE_COLUMNS[path.stem]))
 
 
 def main(argv=None):
-    args = arguments(argv)
-    run = read_run(args)
-    shown = content(run)
-    atomic_files.write(args.html, on_screen(args.templates, shown))
-    atomic_files.write(args.pdf, on_paper(args.templates, shown))
-    write_figures(args.figures, shown)
+    args = parse_report_arguments(argv)
+    run = read_report_run(args)
+    shown = build_page_context(run)
+    write_file(args.html, render_html_report(args.templates, shown))
+    write_file(args.pdf, render_pdf_report(args.templates, shown))
+    write_figure_files(args.figures, shown)
     sizes = args.html.stat().st_size, args.pdf.stat().st_size
     logger.info("%s: %s, %d and %d bytes", run.options["rig"], run.verdict["verdict"], *sizes)
 
 
 if __name__ == "__main__":
-    stage_cli.run(main)
+    run_stage(main)

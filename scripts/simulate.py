@@ -24,38 +24,54 @@ from pathlib import Path
 
 import numpy as np
 
-from simulation import (
-    config_and_truth,
-    draw_placements,
-    record_session,
-    ros_log,
-    sensor_mounts,
-    simulated_rigs,
+from simulation import record_session
+from simulation.config_and_truth import simulated_log_path, write_simulated_config, write_truth
+from simulation.draw_placements import draw_placements
+from simulation.record_session import SessionTruth, generate_messages, mcs_time_span
+from simulation.ros_log import write_simulated_mcap
+from simulation.sensor_mounts import build_rig, bump_last_sensor, draw_displacement, perturb_pose
+from simulation.sensors.camera_exposure import IMAGE_ENCODERS
+from simulation.sensors.mocap_errors import draw_label_swaps
+from simulation.simulated_rigs import (
+    COMPRESSED_ENCODINGS,
+    LIDAR_CHOICES,
+    SIMULATED_RIGS,
+    customize_rig,
+    layouts_for_targets,
+    simulated_camera_models,
 )
-from simulation.sensors import camera_exposure, mocap_errors
-from simulation.world import room_scene, smooth_motion
+from simulation.world.room_scene import SIMULATED_TARGETS, build_scene
+from simulation.world.smooth_motion import schedule_placements
 
-RIG, PLACES, GUESS, BIAS, MOUNTS, BEAMS, SWAPS, MARKERS, BUMP = range(
-    9
-)  # streams of random numbers
-SENSORS = (  # flag, what it takes, what it does; of all lidars or all cameras of the rig
+(
+    RIG_SEED,
+    PLACEMENT_SEED,
+    GUESS_SEED,
+    BIAS_SEED,
+    MOUNT_SEED,
+    BEAM_SEED,
+    SWAP_SEED,
+    MARKER_SEED,
+    BUMP_SEED,
+) = range(9)  # streams of random numbers
+SENSOR_ARGUMENTS = (  # flag, what it takes, what it does; of all lidars or all cameras of the rig
     ("--sector-deg", {"type": float}, "azimuths recorded: ± about the lidar's x"),
     (
         "--lidar",
-        {"choices": list(simulated_rigs.LIDARS)},
+        {"choices": list(LIDAR_CHOICES)},
         "cloud format, with a scan pattern that fits",
     ),
     ("--camera-hz", {"type": float}, "images per second"),
-    ("--camera-model", {"choices": simulated_rigs.models()}, "with parameters for 900 by 700 px"),
-    ("--encoding", {"choices": list(camera_exposure.ENCODINGS)}, "of Image"),
+    ("--camera-model", {"choices": simulated_camera_models()}, "with parameters for 900 by 700 px"),
+    ("--encoding", {"choices": list(IMAGE_ENCODERS)}, "of Image"),
     (
         "--compressed",
-        {"choices": list(simulated_rigs.COMPRESSED)},
+        {"choices": list(COMPRESSED_ENCODINGS)},
         "CompressedImage instead of Image",
     ),
     ("--distortion", {"type": float, "nargs": 4, "metavar": ("K1", "K2", "P1", "P2")}, "radtan"),
 )
-ERRORS = (  # flag, default, what it is
+ERROR_ARGUMENTS = (  # flag, default, what it is
     ("--range-noise-m", 0.0, "along the beam, standard deviation"),
     ("--beam-bias-m", 0.0, "of each beam's range, drawn once, standard deviation"),
     ("--beam-divergence-deg", 0.0, "angle across a beam; more than 0 mixes returns at edges"),
@@ -81,102 +97,108 @@ ERRORS = (  # flag, default, what it is
 )
 
 
-def parse(argv):
+def parse_simulation_arguments(argv):
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
     add("out", type=Path, metavar="OUT")
-    add("--rig", choices=list(simulated_rigs.RIGS), default="sim")
+    add("--rig", choices=list(SIMULATED_RIGS), default="sim")
     add("--seed", type=int, default=1)
     add("--placements", type=int, default=10, help="of each session")
     add("--hold-s", type=float, default=1.0, help="how long everything rests at a placement")
     add("--move-s", type=float, default=0.8, help="how long it moves to the next")
-    add("--targets", type=_targets, default=["board", "cylinder"], help="default board,cylinder")
+    add(
+        "--targets",
+        type=_parse_target_names,
+        default=["board", "cylinder"],
+        help="default board,cylinder",
+    )
     add("--camera-info", action="store_true", help="written in place of the cameras' params")
     add("--upright", action="store_true", help="robot and targets turn about the vertical only")
     add("--label-swaps", type=int, default=0, help="times that two bodies exchange their names")
-    for flag, kind, what in SENSORS:
+    for flag, kind, what in SENSOR_ARGUMENTS:
         add(flag, help=what, **kind)
-    for flag, default, what in ERRORS:
+    for flag, default, what in ERROR_ARGUMENTS:
         add(flag, type=float, default=default, help=what)
     named = parser.parse_known_args(argv)[0].rig
-    parser.set_defaults(**simulated_rigs.RIGS[named].defaults)
+    parser.set_defaults(**SIMULATED_RIGS[named].default_arguments)
     return parser.parse_args(argv)
 
 
-def _targets(text):
+def _parse_target_names(text):
     names = text.split(",")
-    if set(names) - set(room_scene.TARGETS) or len(set(names)) < len(names):
-        raise argparse.ArgumentTypeError(f"{text}: expected some of {','.join(room_scene.TARGETS)}")
-    return [name for name in room_scene.TARGETS if name in names]
+    if set(names) - set(SIMULATED_TARGETS) or len(set(names)) < len(names):
+        raise argparse.ArgumentTypeError(f"{text}: expected some of {','.join(SIMULATED_TARGETS)}")
+    return [name for name in SIMULATED_TARGETS if name in names]
 
 
-def draw(args):
+def draw_sessions(args):
     """Sessions of the arguments, and the guesses T_robot_sensor (4, 4) to be written, by sensor."""
-    rig = simulated_rigs.customised(simulated_rigs.RIGS[args.rig], args)
-    built = sensor_mounts.build(rig, _rng(args, RIG), _rng(args, BEAMS), args.beam_bias_m)
-    error, rng = (args.guess_error_m, args.guess_error_deg), _rng(args, GUESS)
-    guesses = {k: sensor_mounts.perturb(rng, T, *error) for k, T in built.sensors.items()}
-    rng = _rng(args, MOUNTS)
-    shifts = {
-        k: sensor_mounts.displacement(rng, args.mount_m, args.mount_deg) for k in args.targets
-    }
-    kinds = simulated_rigs.kinds(rig, args.targets)
-    sessions = [_session(args, built, kinds, shifts, *s) for s in enumerate(rig.sessions)]
+    rig = customize_rig(SIMULATED_RIGS[args.rig], args)
+    built = build_rig(rig, _make_rng(args, RIG_SEED), _make_rng(args, BEAM_SEED), args.beam_bias_m)
+    error, rng = (args.guess_error_m, args.guess_error_deg), _make_rng(args, GUESS_SEED)
+    guesses = {k: perturb_pose(rng, T, *error) for k, T in built.T_robot_sensor.items()}
+    rng = _make_rng(args, MOUNT_SEED)
+    shifts = {k: draw_displacement(rng, args.mount_m, args.mount_deg) for k in args.targets}
+    kinds = layouts_for_targets(rig, args.targets)
+    sessions = [_draw_session(args, built, kinds, shifts, *s) for s in enumerate(rig.session_names)]
     return sessions, guesses
 
 
-def _rng(args, stream, session=0):
-    return np.random.default_rng([args.seed, stream, session])
+def _make_rng(args, seed_stream, session=0):
+    return np.random.default_rng([args.seed, seed_stream, session])
 
 
-def _session(args, built, kinds, shifts, number, name):
+def _draw_session(args, rig, layouts, target_mounts, session_number, session_name):
     """The record.Session of that number and name."""
-    rng = [_rng(args, stream, number) for stream in range(SWAPS + 1)]
+    rng = [_make_rng(args, stream, session_number) for stream in range(SWAP_SEED + 1)]
     # Drawn with targets of the size written in the config, whatever size they are built in.
-    drawn = draw_placements.draw(
-        rng[PLACES], room_scene.build(args.targets), built, kinds, args.placements, args.upright
+    drawn = draw_placements(
+        rng[PLACEMENT_SEED], build_scene(args.targets), rig, layouts, args.placements, args.upright
     )
-    times = smooth_motion.placement_times(drawn.slots, args.hold_s, args.move_s)
+    times = schedule_placements(drawn.time_slots, args.hold_s, args.move_s)
     sigma = np.repeat([args.mcs_bias_m, np.deg2rad(args.mcs_bias_deg)], 3)
-    biases = {k: sigma * rng[BIAS].standard_normal((args.placements, 6)) for k in drawn.knots}
-    bodies = [record_session.ROBOT, *(room_scene.TARGETS[k]["body"] for k in args.targets)]
-    swaps = mocap_errors.draw_swaps(
-        rng[SWAPS], args.label_swaps, bodies, *record_session.span(times)
-    )
-    world = room_scene.build(args.targets, args.target_scale)
-    anew = (args.remount_m, args.remount_deg) if number else (0.0, 0.0)
-    markers = sensor_mounts.displacement(_rng(args, MARKERS, number), *anew)
-    if (args.bump_m or args.bump_deg) and name == simulated_rigs.RIGS[args.rig].sessions[-1]:
-        knock = sensor_mounts.displacement(_rng(args, BUMP), args.bump_m, args.bump_deg)
-        built = sensor_mounts.bumped(built, knock)
-    motions = (times, drawn.knots, shifts, markers, biases, swaps)
-    return record_session.Session(name, number, world, built, *motions, args)
+    biases = {
+        k: sigma * rng[BIAS_SEED].standard_normal((args.placements, 6))
+        for k in drawn.placement_poses
+    }
+    bodies = [record_session.ROBOT_BODY, *(SIMULATED_TARGETS[k]["body"] for k in args.targets)]
+    swaps = draw_label_swaps(rng[SWAP_SEED], args.label_swaps, bodies, *mcs_time_span(times))
+    world = build_scene(args.targets, args.target_scale)
+    anew = (args.remount_m, args.remount_deg) if session_number else (0.0, 0.0)
+    markers = draw_displacement(_make_rng(args, MARKER_SEED, session_number), *anew)
+    if (args.bump_m or args.bump_deg) and session_name == SIMULATED_RIGS[args.rig].session_names[
+        -1
+    ]:
+        knock = draw_displacement(_make_rng(args, BUMP_SEED), args.bump_m, args.bump_deg)
+        rig = bump_last_sensor(rig, knock)
+    motions = (times, drawn.placement_poses, target_mounts, markers, biases, swaps)
+    return SessionTruth(session_name, session_number, world, rig, *motions, args)
 
 
-def write(session):
+def write_session_log(session):
     """Write the session's log, telling how far it is; what it holds, in words."""
-    path = session.args.out / config_and_truth.log_path(session.name)
+    path = session.arguments.out / simulated_log_path(session.name)
     path.parent.mkdir(parents=True, exist_ok=True)
-    counts = ros_log.write(path, told(session, record_session.messages(session)))
+    counts = write_simulated_mcap(path, with_progress(session, generate_messages(session)))
     listed = ", ".join(f"{n} on {topic}" for topic, n in sorted(counts.items()))
     return f"wrote {path}: {listed}; {path.stat().st_size / 1e6:.1f} MB"
 
 
-def write_all(sessions):
+def write_all_sessions(sessions):
     """What `write` says of every session; several are written in processes of their own."""
     if len(sessions) == 1:
-        return [write(sessions[0])]
+        return [write_session_log(sessions[0])]
     # Threads of NumPy's would take the cores from the other process; they start with NumPy.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        return list(pool.map(write, sessions))
+        return list(pool.map(write_session_log, sessions))
 
 
-def told(session, messages):
+def with_progress(session, messages):
     """The messages, with a line on stderr for every tenth of the session."""
-    start, end = record_session.span(session.times)
+    start, end = mcs_time_span(session.placement_times_ns)
     begun, tenth = time.monotonic(), 1
     for message in messages:
         if message[0] >= start + tenth * (end - start) / 10:
@@ -187,11 +209,11 @@ def told(session, messages):
 
 
 def main(argv=None):
-    args = parse(argv)
-    sessions, guesses = draw(args)
-    config_and_truth.write_config(args.out / "config", args.rig, sessions, guesses)
-    config_and_truth.write_truth(args.out / "truth.json", sessions, guesses)
-    for line in write_all(sessions):
+    args = parse_simulation_arguments(argv)
+    sessions, guesses = draw_sessions(args)
+    write_simulated_config(args.out / "config", args.rig, sessions, guesses)
+    write_truth(args.out / "truth.json", sessions, guesses)
+    for line in write_all_sessions(sessions):
         print(line, file=sys.stderr)
 
 

@@ -4,49 +4,49 @@ import shutil
 
 import pytest
 
-import runs
+from runs import SMALL_ARGUMENTS, run_to_completion, simulate_into
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
+def finished_run(tmp_path_factory):
     """A small simulated log, calibrated."""
-    folder = runs.simulated(tmp_path_factory.mktemp("small"), runs.SMALL)
-    runs.completed(folder)
+    folder = simulate_into(tmp_path_factory.mktemp("small"), SMALL_ARGUMENTS)
+    run_to_completion(folder)
     return folder
 
 
 @pytest.fixture
-def again(finished, tmp_path):
+def finished_run_copy(finished_run, tmp_path):
     """A copy of the finished run that a test may spoil."""
-    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
+    shutil.copytree(finished_run, tmp_path, dirs_exist_ok=True)
     return tmp_path
 
 
 @pytest.fixture
-def files(tmp_path):
+def report_files(tmp_path):
     """Inputs of the report of a good run."""
     import reporting  # takes a second, which other tests should not pay
 
-    return reporting.Files(tmp_path)
+    return reporting.ReportInputs(tmp_path)
 
 
 @pytest.fixture
-def undrawn(monkeypatch):
+def skip_figures(monkeypatch):
     """Figures are named but not drawn, which takes most of the time."""
     import reporting
 
-    reporting.undraw(monkeypatch)
+    reporting.disable_figures(monkeypatch)
 
 
 @pytest.fixture(scope="module")
-def printed(tmp_path_factory):
+def good_report_folder(tmp_path_factory):
     """The folder with all that the report of a good run writes."""
     import reporting
 
-    return reporting.printed(tmp_path_factory.mktemp("good"))
+    return reporting.write_good_report(tmp_path_factory.mktemp("good"))
 
 
 @pytest.fixture(scope="module")
-def page(printed):
+def good_report_page(good_report_folder):
     """The page of a good run."""
-    return (printed / "report.html").read_text()
+    return (good_report_folder / "report.html").read_text()

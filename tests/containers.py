@@ -13,17 +13,24 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from calib.geometry import se3
-from simulation import ros_log
+from calib.geometry.se3 import make_pose, pose_to_quat, se3_exp
+from simulation.ros_log import (
+    CLOUD_TYPE,
+    IMAGE_TYPE,
+    TF_TYPE,
+    convert_to_ros1,
+    make_tf_message,
+    write_rosbags_log,
+)
 
-MS = 1_000_000
-BEGIN = 1_700_000_000_000_000_000
-MAP, ROBOT, BOARD = "world", "robot", "board"
-MARKER = "int64 index\ngeometry_msgs/Point translation"
-BODY = "string rigid_body_name\nmocap4r2_msgs/Marker[] markers\ngeometry_msgs/Pose pose"
-OWN = {
-    "mocap4r2_msgs/msg/Marker": MARKER,
-    "mocap4r2_msgs/msg/RigidBody": BODY,
+NS_PER_MS = 1_000_000
+CONTAINER_START_NS = 1_700_000_000_000_000_000
+MAP_FRAME, ROBOT_BODY, BOARD_BODY = "world", "robot", "board"
+MARKER_DEFINITION = "int64 index\ngeometry_msgs/Point translation"
+BODY_DEFINITION = "string rigid_body_name\nmocap4r2_msgs/Marker[] markers\ngeometry_msgs/Pose pose"
+CUSTOM_DEFINITIONS = {
+    "mocap4r2_msgs/msg/Marker": MARKER_DEFINITION,
+    "mocap4r2_msgs/msg/RigidBody": BODY_DEFINITION,
     "mocap4r2_msgs/msg/RigidBodies": "std_msgs/Header header\nuint32 frame_number\n"
     "mocap4r2_msgs/RigidBody[] rigidbodies",
     "motion_capture_tracking_interfaces/msg/NamedPose": "string name\ngeometry_msgs/Pose pose",
@@ -52,177 +59,216 @@ OWN = {
 }
 
 
-def _store(kind):
-    store = get_typestore(kind)
+def _make_type_store(ros_store):
+    store = get_typestore(ros_store)
     types = {}
-    for name, text in OWN.items():
-        if kind == Stores.ROS1_NOETIC:
+    for name, text in CUSTOM_DEFINITIONS.items():
+        if ros_store == Stores.ROS1_NOETIC:
             text = text.replace("builtin_interfaces/Time", "time")
         types |= get_types_from_msg(text, name)
     store.register(types)
     return store
 
 
-STORE, STORE1 = _store(Stores.ROS2_HUMBLE), _store(Stores.ROS1_NOETIC)
-STORE1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", ros_log.TF))
+ROS2_TYPES, ROS1_TYPES = _make_type_store(Stores.ROS2_HUMBLE), _make_type_store(Stores.ROS1_NOETIC)
+ROS1_TYPES.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF_TYPE))
 
 
-def make(name, /, **fields):
+def make_ros2_message(name, /, **fields):
     """A message of ROS 2."""
-    return STORE.types[name](**fields)
+    return ROS2_TYPES.types[name](**fields)
 
 
 # --- what is recorded
 
 
-def track(n=20, hz=100):
+def make_body_tracks(n=20, hz=100):
     """Stamps (n,), ns, and poses (n, 4, 4) by body: both move, and turn, smoothly."""
-    t = BEGIN + np.arange(n) * (1_000_000_000 // hz)
+    t = CONTAINER_START_NS + np.arange(n) * (1_000_000_000 // hz)
     s = (np.arange(n) / hz)[:, None]
-    robot = se3.pose(t=[0.5, -0.2, 0.1]) @ se3.se3_exp(s * [0.3, 0.1, 0, 0, 0, 0.4])
-    board = se3.pose(t=[2.0, 0.5, 1.0]) @ se3.se3_exp(s * [0.1, 0.2, -0.1, 0.3, 0, 0.1])
-    return t, {ROBOT: robot, BOARD: board}
+    robot = make_pose(t=[0.5, -0.2, 0.1]) @ se3_exp(s * [0.3, 0.1, 0, 0, 0, 0.4])
+    board = make_pose(t=[2.0, 0.5, 1.0]) @ se3_exp(s * [0.1, 0.2, -0.1, 0.3, 0, 0.1])
+    return t, {ROBOT_BODY: robot, BOARD_BODY: board}
 
 
-def header(t, frame=MAP):
+def make_stamped_header(t, frame=MAP_FRAME):
     """A header stamped t, ns."""
-    stamp = make("builtin_interfaces/msg/Time", sec=int(t // 10**9), nanosec=int(t % 10**9))
-    return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+    stamp = make_ros2_message(
+        "builtin_interfaces/msg/Time", sec=int(t // 10**9), nanosec=int(t % 10**9)
+    )
+    return make_ros2_message("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
-def pose(T):
+def make_ros_pose(T):
     """A geometry_msgs/Pose."""
-    x, y, z, w = se3.to_quat(T).tolist()
-    position = make("geometry_msgs/msg/Point", **dict(zip("xyz", T[:3, 3].tolist(), strict=True)))
-    turn = make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-    return make("geometry_msgs/msg/Pose", position=position, orientation=turn)
+    x, y, z, w = pose_to_quat(T).tolist()
+    position = make_ros2_message(
+        "geometry_msgs/msg/Point", **dict(zip("xyz", T[:3, 3].tolist(), strict=True))
+    )
+    turn = make_ros2_message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+    return make_ros2_message("geometry_msgs/msg/Pose", position=position, orientation=turn)
 
 
-def transforms(t, poses):
+def make_tf_rows(t, poses):
     """All bodies in one TFMessage."""
-    return [("/tf", ros_log.TF, ros_log.transforms(t, MAP, poses))]
+    return [("/tf", TF_TYPE, make_tf_message(t, MAP_FRAME, poses))]
 
 
-def each(name, of):
+def make_rows_per_body(message_type, make_message):
     """A function that gives a message of one type for each body, on a topic of its own."""
-    return lambda t, poses: [(f"/mocap/{b}", name, of(t, b, T)) for b, T in poses.items()]
+    return lambda t, poses: [
+        (f"/mocap/{b}", message_type, make_message(t, b, T)) for b, T in poses.items()
+    ]
 
 
-def _transform(t, body, T):
-    return ros_log.transforms(t, MAP, {body: T}).transforms[0]
+def _transform_message(t, body, T):
+    return make_tf_message(t, MAP_FRAME, {body: T}).transforms[0]
 
 
-def _stamped(t, body, T):
-    return make("geometry_msgs/msg/PoseStamped", header=header(t), pose=pose(T))
+def _pose_stamped_message(t, body, T):
+    return make_ros2_message(
+        "geometry_msgs/msg/PoseStamped", header=make_stamped_header(t), pose=make_ros_pose(T)
+    )
 
 
-def _spread(T):
-    return make("geometry_msgs/msg/PoseWithCovariance", pose=pose(T), covariance=np.zeros(36))
+def _pose_with_covariance(T):
+    return make_ros2_message(
+        "geometry_msgs/msg/PoseWithCovariance", pose=make_ros_pose(T), covariance=np.zeros(36)
+    )
 
 
-def _with_covariance(t, body, T):
+def _pose_covariance_stamped(t, body, T):
     name = "geometry_msgs/msg/PoseWithCovarianceStamped"
-    return make(name, header=header(t), pose=_spread(T))
+    return make_ros2_message(name, header=make_stamped_header(t), pose=_pose_with_covariance(T))
 
 
-def _odometry(t, body, T):
-    zero = make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
-    twist = make("geometry_msgs/msg/Twist", linear=zero, angular=zero)
-    twist = make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36))
+def _odometry_message(t, body, T):
+    zero = make_ros2_message("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
+    twist = make_ros2_message("geometry_msgs/msg/Twist", linear=zero, angular=zero)
+    twist = make_ros2_message(
+        "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)
+    )
     name = "nav_msgs/msg/Odometry"
-    return make(name, header=header(t), child_frame_id=body, pose=_spread(T), twist=twist)
+    return make_ros2_message(
+        name,
+        header=make_stamped_header(t),
+        child_frame_id=body,
+        pose=_pose_with_covariance(T),
+        twist=twist,
+    )
 
 
-def _position(t, body, T):
-    x, y, z, w = se3.to_quat(T).tolist()
+def _vicon_position_message(t, body, T):
+    x, y, z, w = pose_to_quat(T).tolist()
     mm = dict(zip(("x_trans", "y_trans", "z_trans"), (1000 * T[:3, 3]).tolist(), strict=True))
     names = {"segment_name": body, "subject_name": body, "translation_type": "Global"}
     turn = {"x_rot": x, "y_rot": y, "z_rot": z, "w": w}
-    return make("vicon_receiver/msg/Position", **mm, **turn, **names, frame_number=1)
+    return make_ros2_message("vicon_receiver/msg/Position", **mm, **turn, **names, frame_number=1)
 
 
-def rigid_bodies(t, poses):
+def make_rigid_bodies_rows(t, poses):
     """All bodies in one message of mocap4r2."""
     body, name = "mocap4r2_msgs/msg/RigidBody", "mocap4r2_msgs/msg/RigidBodies"
-    found = [make(body, rigid_body_name=b, markers=[], pose=pose(T)) for b, T in poses.items()]
-    return [("/bodies", name, make(name, header=header(t), frame_number=1, rigidbodies=found))]
+    found = [
+        make_ros2_message(body, rigid_body_name=b, markers=[], pose=make_ros_pose(T))
+        for b, T in poses.items()
+    ]
+    return [
+        (
+            "/bodies",
+            name,
+            make_ros2_message(
+                name, header=make_stamped_header(t), frame_number=1, rigidbodies=found
+            ),
+        )
+    ]
 
 
-def named_poses(t, poses):
+def make_named_poses_rows(t, poses):
     """All bodies in one message of motion_capture_tracking."""
     package = "motion_capture_tracking_interfaces/msg/"
-    found = [make(package + "NamedPose", name=b, pose=pose(T)) for b, T in poses.items()]
+    found = [
+        make_ros2_message(package + "NamedPose", name=b, pose=make_ros_pose(T))
+        for b, T in poses.items()
+    ]
     name = package + "NamedPoseArray"
-    return [("/poses", name, make(name, header=header(t), poses=found))]
+    return [("/poses", name, make_ros2_message(name, header=make_stamped_header(t), poses=found))]
 
 
 # messages at t, ns, of poses by body; `mocap.topics`; names of robot and board as the log has them
-NAMED = {f"/mocap/{b}": b for b in (ROBOT, BOARD)}
-TYPES = {
-    "TFMessage": (transforms, ["/tf"], (ROBOT, BOARD)),
+BODIES_BY_TOPIC = {f"/mocap/{b}": b for b in (ROBOT_BODY, BOARD_BODY)}
+MOCAP_TYPES = {
+    "TFMessage": (make_tf_rows, ["/tf"], (ROBOT_BODY, BOARD_BODY)),
     "TransformStamped": (
-        each("geometry_msgs/msg/TransformStamped", _transform), list(NAMED), (ROBOT, BOARD),
+        make_rows_per_body("geometry_msgs/msg/TransformStamped", _transform_message), list(BODIES_BY_TOPIC), (ROBOT_BODY, BOARD_BODY),
     ),
-    "PoseStamped": (each("geometry_msgs/msg/PoseStamped", _stamped), NAMED, (ROBOT, BOARD)),
+    "PoseStamped": (make_rows_per_body("geometry_msgs/msg/PoseStamped", _pose_stamped_message), BODIES_BY_TOPIC, (ROBOT_BODY, BOARD_BODY)),
     "PoseStamped, bodies by topic": (
-        each("geometry_msgs/msg/PoseStamped", _stamped), list(NAMED), tuple(NAMED),
+        make_rows_per_body("geometry_msgs/msg/PoseStamped", _pose_stamped_message), list(BODIES_BY_TOPIC), tuple(BODIES_BY_TOPIC),
     ),
     "PoseWithCovarianceStamped": (
-        each("geometry_msgs/msg/PoseWithCovarianceStamped", _with_covariance),
-        NAMED, (ROBOT, BOARD),
+        make_rows_per_body("geometry_msgs/msg/PoseWithCovarianceStamped", _pose_covariance_stamped),
+        BODIES_BY_TOPIC, (ROBOT_BODY, BOARD_BODY),
     ),
-    "Odometry": (each("nav_msgs/msg/Odometry", _odometry), list(NAMED), (ROBOT, BOARD)),
-    "RigidBodies": (rigid_bodies, {"/bodies": None}, (ROBOT, BOARD)),
-    "NamedPoseArray": (named_poses, ["/poses"], (ROBOT, BOARD)),
+    "Odometry": (make_rows_per_body("nav_msgs/msg/Odometry", _odometry_message), list(BODIES_BY_TOPIC), (ROBOT_BODY, BOARD_BODY)),
+    "RigidBodies": (make_rigid_bodies_rows, {"/bodies": None}, (ROBOT_BODY, BOARD_BODY)),
+    "NamedPoseArray": (make_named_poses_rows, ["/poses"], (ROBOT_BODY, BOARD_BODY)),
     "Position": (
-        each("vicon_receiver/msg/Position", _position), list(NAMED), ("robot/robot", "board/board"),
+        make_rows_per_body("vicon_receiver/msg/Position", _vicon_position_message), list(BODIES_BY_TOPIC), ("robot/robot", "board/board"),
     ),
 }  # fmt: skip
 
 
-def image(t):
+def make_small_image(t):
     """A small Image."""
     pixels = np.arange(24, dtype=np.uint8)
     fields = {"height": 2, "width": 4, "encoding": "bgr8", "is_bigendian": 0, "step": 12}
-    return make(ros_log.IMAGE, header=header(t, "camera"), **fields, data=pixels)
+    return make_ros2_message(
+        IMAGE_TYPE, header=make_stamped_header(t, "camera"), **fields, data=pixels
+    )
 
 
-def cloud(t):
+def make_small_cloud(t):
     """A small PointCloud2."""
     fields = [
-        make("sensor_msgs/msg/PointField", name=k, offset=4 * i, datatype=7, count=1)
+        make_ros2_message("sensor_msgs/msg/PointField", name=k, offset=4 * i, datatype=7, count=1)
         for i, k in enumerate("xyz")
     ]
     data = np.arange(15, dtype=np.float32).view(np.uint8)
     shape = {"height": 1, "width": 5, "point_step": 12, "row_step": 60}
     flags = {"is_bigendian": False, "is_dense": True}
-    return make(
-        ros_log.CLOUD, header=header(t, "lidar"), fields=fields, data=data, **shape, **flags
+    return make_ros2_message(
+        CLOUD_TYPE,
+        header=make_stamped_header(t, "lidar"),
+        fields=fields,
+        data=data,
+        **shape,
+        **flags,
     )
 
 
-def recording(kind, n=20):
+def make_container_rows(mocap_type, n=20):
     """Rows of a recording with motion capture of a kind of TYPES, a camera and a lidar."""
-    say, _, _ = TYPES[kind]
-    t, poses = track(n)
+    say, _, _ = MOCAP_TYPES[mocap_type]
+    t, poses = make_body_tracks(n)
     rows = []
     for i, now in enumerate(t.tolist()):
         said = say(now, {body: T[i] for body, T in poses.items()})
-        rows += [(now + 2 * MS + k, *message) for k, message in enumerate(said)]
+        rows += [(now + 2 * NS_PER_MS + k, *message) for k, message in enumerate(said)]
         if i % 3 == 0:
-            rows.append((now + 5 * MS, "/image", ros_log.IMAGE, image(now)))
-            rows.append((now + 6 * MS, "/points", ros_log.CLOUD, cloud(now)))
+            rows.append((now + 5 * NS_PER_MS, "/image", IMAGE_TYPE, make_small_image(now)))
+            rows.append((now + 6 * NS_PER_MS, "/points", CLOUD_TYPE, make_small_cloud(now)))
     return rows
 
 
-def options(kind):
+def container_decode_options(mocap_type):
     """What decode is given for it."""
-    _, topics, names = TYPES[kind]
+    _, topics, names = MOCAP_TYPES[mocap_type]
     sensors = {
         "camera": {"kind": "camera", "topic": "/image"},
         "lidar": {"kind": "lidar", "topic": "/points"},
     }
-    mocap = {"topics": topics, "map": MAP, "max_gap_s": 0.05}
+    mocap = {"topics": topics, "map": MAP_FRAME, "max_gap_s": 0.05}
     span = {"from_s": None, "to_s": None}
     return {"sensors": sensors, "mocap": mocap, "bodies": sorted(names), "fingerprint": [], **span}
 
@@ -230,11 +276,13 @@ def options(kind):
 # --- containers
 
 
-def cdr(name, message):
-    return bytes(STORE.serialize_cdr(message, name))
+def serialize_cdr(name, message):
+    return bytes(ROS2_TYPES.serialize_cdr(message, name))
 
 
-def mcap(path, rows, serialise=cdr, form=("cdr", "ros2msg", 2), **options):
+def write_test_mcap(
+    path, rows, serialise=serialize_cdr, message_encoding=("cdr", "ros2msg", 2), **options
+):
     """One MCAP file."""
     options = {"chunk_size": 2000, "compression": CompressionType.ZSTD} | options
     with open(path, "wb") as stream:
@@ -243,46 +291,46 @@ def mcap(path, rows, serialise=cdr, form=("cdr", "ros2msg", 2), **options):
         schemas, channels = {}, {}
         for log_t, topic, name, message in rows:
             if name not in schemas:
-                store = STORE if form[2] == 2 else STORE1
-                text = store.generate_msgdef(name, ros_version=form[2])[0].encode()
-                schemas[name] = writer.register_schema(name, form[1], text)
+                store = ROS2_TYPES if message_encoding[2] == 2 else ROS1_TYPES
+                text = store.generate_msgdef(name, ros_version=message_encoding[2])[0].encode()
+                schemas[name] = writer.register_schema(name, message_encoding[1], text)
             if topic not in channels:
-                channels[topic] = writer.register_channel(topic, form[0], schemas[name])
+                channels[topic] = writer.register_channel(topic, message_encoding[0], schemas[name])
             writer.add_message(channels[topic], log_t, serialise(name, message), log_t)
         writer.finish()
     return path
 
 
-def ros1(name, message):
+def serialize_ros1(name, message):
     """A message serialised as in ROS 1."""
-    return bytes(STORE1.serialize_ros1(ros_log.of_ros1(message, STORE1), name))
+    return bytes(ROS1_TYPES.serialize_ros1(convert_to_ros1(message, ROS1_TYPES), name))
 
 
-def ros1_mcap(path, rows):
+def write_ros1_mcap(path, rows):
     """An MCAP of messages of ROS 1."""
-    return mcap(path, rows, ros1, ("ros1", "ros1msg", 1))
+    return write_test_mcap(path, rows, serialize_ros1, ("ros1", "ros1msg", 1))
 
 
-def rosbag2(folder, rows, plugin, compression=CompressionMode.NONE):
+def write_rosbag2(folder, rows, plugin, compression=CompressionMode.NONE):
     """A folder as `ros2 bag record` makes it."""
     writer = Rosbag2Writer(folder, version=9, storage_plugin=plugin)
     if compression != CompressionMode.NONE:
         writer.set_compression(compression, CompressionFormat.ZSTD)
-    ros_log.record(writer, rows, STORE, cdr)
+    write_rosbags_log(writer, rows, ROS2_TYPES, serialize_cdr)
     return folder
 
 
-def bag(path, rows, compression=None):
+def write_ros1_bag(path, rows, compression=None):
     """A bag of ROS 1."""
     writer = BagWriter(path)
     writer.chunk_threshold = 2000
     if compression:
         writer.set_compression(compression)
-    ros_log.record(writer, rows, STORE1, ros1)
+    write_rosbags_log(writer, rows, ROS1_TYPES, serialize_ros1)
     return path
 
 
-def without_definitions(folder):
+def drop_message_definitions(folder):
     """The SQLite file of a rosbag2 folder as Humble and older write it, alone."""
     (path,) = folder.glob("*.db3")
     connection = sqlite3.connect(path)
@@ -293,61 +341,78 @@ def without_definitions(folder):
     return path
 
 
-def split(folder, rows):
+def write_split_mcap(folder, rows):
     """Two MCAP files in a folder, which its metadata names."""
     folder.mkdir()
     half = len(rows) // 2
-    mcap(folder / "bag_0.mcap", rows[:half])
-    mcap(folder / "bag_1.mcap", rows[half:])
+    write_test_mcap(folder / "bag_0.mcap", rows[:half])
+    write_test_mcap(folder / "bag_1.mcap", rows[half:])
     names = "".join(f"    - bag_{i}.mcap\n" for i in range(2))
     text = f"rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths:\n{names}"
     (folder / "metadata.yaml").write_text(text)
     return folder
 
 
-def apart(folder, rows):
+def write_two_recorders(folder, rows):
     """A list of two MCAP files: motion capture and sensors, recorded at once by two recorders."""
     sensors = [r for r in rows if r[1] in ("/image", "/points")]
     mocap = [r for r in rows if r not in sensors]
     folder.mkdir()
-    return [mcap(folder / "mocap.mcap", mocap), mcap(folder / "sensors.mcap", sensors)]
+    return [
+        write_test_mcap(folder / "mocap.mcap", mocap),
+        write_test_mcap(folder / "sensors.mcap", sensors),
+    ]
 
 
-def alone(folder):
+def extract_sqlite_file(folder):
     """The SQLite file of a rosbag2 folder, alone."""
     (path,) = folder.glob("*.db3")
     return shutil.copy(path, folder.with_suffix(".db3"))
 
 
-SQLITE, MCAP = StoragePlugin.SQLITE3, StoragePlugin.MCAP
-MESSAGE, FILE = CompressionMode.MESSAGE, CompressionMode.FILE
-Format = BagWriter.CompressionFormat
-CONTAINERS = {
-    "mcap, zstd": lambda p, rows: mcap(p / "a.mcap", rows),
-    "mcap, lz4": lambda p, rows: mcap(p / "a.mcap", rows, compression=CompressionType.LZ4),
-    "mcap, none": lambda p, rows: mcap(p / "a.mcap", rows, compression=CompressionType.NONE),
-    "mcap, no chunks": lambda p, rows: mcap(p / "a.mcap", rows, use_chunking=False),
-    "mcap, no statistics": lambda p, rows: mcap(p / "a.mcap", rows, use_statistics=False),
-    "mcap, ros1": lambda p, rows: ros1_mcap(p / "a.mcap", rows),
-    "split": lambda p, rows: split(p / "bag", rows),
-    "recorded apart": lambda p, rows: apart(p / "bag", rows),
-    "rosbag2, mcap": lambda p, rows: rosbag2(p / "bag", rows, MCAP),
-    "rosbag2, mcap, file": lambda p, rows: rosbag2(p / "bag", rows, MCAP, FILE),
-    "rosbag2, mcap, message": lambda p, rows: rosbag2(p / "bag", rows, MCAP, MESSAGE),
-    "rosbag2, sqlite3": lambda p, rows: rosbag2(p / "bag", rows, SQLITE),
-    "rosbag2, sqlite3, file": lambda p, rows: rosbag2(p / "bag", rows, SQLITE, FILE),
-    "rosbag2, sqlite3, message": lambda p, rows: rosbag2(p / "bag", rows, SQLITE, MESSAGE),
-    "sqlite3": lambda p, rows: alone(rosbag2(p / "bag", rows, SQLITE)),
-    "sqlite3, no definitions": lambda p, rows: without_definitions(
-        rosbag2(p / "bag", rows, SQLITE)
+SQLITE_PLUGIN, MCAP_PLUGIN = StoragePlugin.SQLITE3, StoragePlugin.MCAP
+MESSAGE_COMPRESSION, FILE_COMPRESSION = CompressionMode.MESSAGE, CompressionMode.FILE
+Ros1Compression = BagWriter.CompressionFormat
+LOG_CONTAINERS = {
+    "mcap, zstd": lambda p, rows: write_test_mcap(p / "a.mcap", rows),
+    "mcap, lz4": lambda p, rows: write_test_mcap(
+        p / "a.mcap", rows, compression=CompressionType.LZ4
     ),
-    "bag": lambda p, rows: bag(p / "a.bag", rows),
-    "bag, bz2": lambda p, rows: bag(p / "a.bag", rows, Format.BZ2),
-    "bag, lz4": lambda p, rows: bag(p / "a.bag", rows, Format.LZ4),
+    "mcap, none": lambda p, rows: write_test_mcap(
+        p / "a.mcap", rows, compression=CompressionType.NONE
+    ),
+    "mcap, no chunks": lambda p, rows: write_test_mcap(p / "a.mcap", rows, use_chunking=False),
+    "mcap, no statistics": lambda p, rows: write_test_mcap(
+        p / "a.mcap", rows, use_statistics=False
+    ),
+    "mcap, ros1": lambda p, rows: write_ros1_mcap(p / "a.mcap", rows),
+    "split": lambda p, rows: write_split_mcap(p / "bag", rows),
+    "recorded apart": lambda p, rows: write_two_recorders(p / "bag", rows),
+    "rosbag2, mcap": lambda p, rows: write_rosbag2(p / "bag", rows, MCAP_PLUGIN),
+    "rosbag2, mcap, file": lambda p, rows: write_rosbag2(
+        p / "bag", rows, MCAP_PLUGIN, FILE_COMPRESSION
+    ),
+    "rosbag2, mcap, message": lambda p, rows: write_rosbag2(
+        p / "bag", rows, MCAP_PLUGIN, MESSAGE_COMPRESSION
+    ),
+    "rosbag2, sqlite3": lambda p, rows: write_rosbag2(p / "bag", rows, SQLITE_PLUGIN),
+    "rosbag2, sqlite3, file": lambda p, rows: write_rosbag2(
+        p / "bag", rows, SQLITE_PLUGIN, FILE_COMPRESSION
+    ),
+    "rosbag2, sqlite3, message": lambda p, rows: write_rosbag2(
+        p / "bag", rows, SQLITE_PLUGIN, MESSAGE_COMPRESSION
+    ),
+    "sqlite3": lambda p, rows: extract_sqlite_file(write_rosbag2(p / "bag", rows, SQLITE_PLUGIN)),
+    "sqlite3, no definitions": lambda p, rows: drop_message_definitions(
+        write_rosbag2(p / "bag", rows, SQLITE_PLUGIN)
+    ),
+    "bag": lambda p, rows: write_ros1_bag(p / "a.bag", rows),
+    "bag, bz2": lambda p, rows: write_ros1_bag(p / "a.bag", rows, Ros1Compression.BZ2),
+    "bag, lz4": lambda p, rows: write_ros1_bag(p / "a.bag", rows, Ros1Compression.LZ4),
 }
 
 
-def write(container, folder, rows):
+def write_in_container(container, folder, rows):
     """The recording in a container, as `log` in config.yaml names it."""
-    found = CONTAINERS[container](folder, rows)
+    found = LOG_CONTAINERS[container](folder, rows)
     return [str(p) for p in found] if isinstance(found, list) else str(found)

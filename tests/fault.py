@@ -8,14 +8,20 @@ from typing import NamedTuple
 import numpy as np
 
 from simulation import ros_log
-from simulation.world.smooth_motion import START_NS
+from simulation.ros_log import NUMPY_TO_POINT_FIELD
+from simulation.world.smooth_motion import SIMULATION_START_NS
 
-MS, S = 10**6, 10**9
-POSES, CLOUDS, IMAGES, INFO = "/tf", "/velodyne_points", "/camera/image_raw", "/camera/camera_info"
-ROBOT, BOARD, CYLINDER = "mocap/robot", "mocap/board", "mocap/cylinder"
+NS_PER_MS, NS_PER_S = 10**6, 10**9
+TF_TOPIC, CLOUD_TOPIC, IMAGE_TOPIC, CAMERA_INFO_TOPIC = (
+    "/tf",
+    "/velodyne_points",
+    "/camera/image_raw",
+    "/camera/camera_info",
+)
+ROBOT_BODY, BOARD_BODY, CYLINDER_BODY = "mocap/robot", "mocap/board", "mocap/cylinder"
 
 
-class Fault(NamedTuple):
+class FaultCase(NamedTuple):
     """what: in words; says: part of the sentence by which it is told.
 
     damage: rows -> rows of the log; simulated: arguments of simulate.py beyond those of the clean
@@ -24,67 +30,67 @@ class Fault(NamedTuple):
     config's (session, rig, {target: its file}); note: what has to be known of what comes of it.
     """
 
-    what: str
-    says: str
-    damage: object = None
-    simulated: str = ""
-    write: object = None
-    spoil: object = None
-    config: object = None
+    description: str
+    expected_text: str
+    damage_rows: object = None
+    simulate_arguments: str = ""
+    write_log: object = None
+    damage_bytes: object = None
+    change_config: object = None
     note: str = ""
 
 
-def on(topic, change):
+def damage_topic(topic, change_message):
     """A damage that calls change(message, number) on every message of a topic."""
 
     def damage(rows):
         for number, row in enumerate(r for r in rows if r[1] == topic):
-            change(row[3], number)
+            change_message(row[3], number)
         return rows
 
     return damage
 
 
-def without(wanted):
+def drop_rows(is_dropped):
     """A damage that leaves out those rows of which wanted(row, number in its topic) holds."""
 
     def damage(rows):
         count, out = {}, []
         for row in rows:
             number = count[row[1]] = count.get(row[1], -1) + 1
-            if not wanted(row, number):
+            if not is_dropped(row, number):
                 out.append(row)
         return out
 
     return damage
 
 
-def times(first_s, length_s, every_s=2.9):
+def make_time_filter(first_s, length_s, every_s=2.9):
     """A function of a time, s since the first placement, whether it lies in the first of spans that
     come again and again: 2.9 s is two placements and a bit, so that rests and moves are hit."""
     return lambda t: t >= first_s and (t - first_s) % every_s < length_s
 
 
-def stamp_ns(header):
-    return header.stamp.sec * S + header.stamp.nanosec
+def read_header_stamp(header):
+    return header.stamp.sec * NS_PER_S + header.stamp.nanosec
 
 
-def set_stamp(header, t):
+def set_header_stamp(header, t):
     """Set the stamp of a header to t, ns."""
-    header.stamp.sec, header.stamp.nanosec = int(t // S), int(t % S)
+    header.stamp.sec, header.stamp.nanosec = int(t // NS_PER_S), int(t % NS_PER_S)
 
 
-def seconds(header):
+def seconds_since_start(header):
     """Time of a header, s since the first placement."""
-    return (stamp_ns(header) - START_NS) / S
+    return (read_header_stamp(header) - SIMULATION_START_NS) / NS_PER_S
 
 
 # --- clouds
 
 
-def points(message):
+def read_cloud_points(message):
     """The points of a PointCloud2 as a structured array (n,)."""
-    names = {v: k for k, v in ros_log.NUMPY_TO_FIELD.items()}
+    names = {v: k for k, v in NUMPY_TO_POINT_FIELD.items()}
     order = ">" if message.is_bigendian else "<"
     layout = np.dtype(
         {
@@ -97,14 +103,14 @@ def points(message):
     return np.asarray(message.data, np.uint8).view(layout).copy()
 
 
-def put(message, array, height=1):
+def set_cloud_points(message, array, height=1):
     """Put points (n,) of any layout into a PointCloud2."""
     layout = array.dtype
     message.fields = [
-        ros_log.STORE.types["sensor_msgs/msg/PointField"](
+        ros_log.ROS2_TYPES.types["sensor_msgs/msg/PointField"](
             name=name,
             offset=layout.fields[name][1],
-            datatype=ros_log.NUMPY_TO_FIELD[layout[name].newbyteorder("=").name],
+            datatype=NUMPY_TO_POINT_FIELD[layout[name].newbyteorder("=").name],
             count=1,
         )
         for name in layout.names
@@ -115,10 +121,10 @@ def put(message, array, height=1):
     message.data = np.ascontiguousarray(array).view(np.uint8).reshape(-1)
 
 
-def repacked(array, fields, size=None, order="<"):
+def repack_points(array, fields, size=None, byte_order="<"):
     """Points in a layout of those fields, {name: type}; of size bytes each, the last of them
     padding."""
-    formats = [np.dtype(t).newbyteorder(order) for t in fields.values()]
+    formats = [np.dtype(t).newbyteorder(byte_order) for t in fields.values()]
     ends = np.cumsum([f.itemsize for f in formats]).tolist()
     layout = {"names": list(fields), "formats": formats, "offsets": [0, *ends[:-1]]}
     out = np.zeros(len(array), np.dtype(layout | {"itemsize": size or ends[-1]}))
@@ -127,37 +133,42 @@ def repacked(array, fields, size=None, order="<"):
     return out
 
 
-def clouds(change):
+def damage_clouds(change_points):
     """A damage that puts change(points, number) in place of the points of every cloud."""
-    return on(CLOUDS, lambda message, number: put(message, change(points(message), number)))
+    return damage_topic(
+        CLOUD_TOPIC,
+        lambda message, number: set_cloud_points(
+            message, change_points(read_cloud_points(message), number)
+        ),
+    )
 
 
 # --- poses
 
 
-def transforms(change, body=None, when=lambda t: True):
+def damage_transforms(change_transform, body=None, is_affected=lambda t: True):
     """A damage that calls change(transform, number) for the poses of a body (None: all) at those
     times."""
 
     def of_message(message, number):
         for item in message.transforms:
             mine = body is None or item.child_frame_id == body
-            if mine and when(seconds(item.header)):
-                change(item, number)
+            if mine and is_affected(seconds_since_start(item.header)):
+                change_transform(item, number)
 
-    return on(POSES, of_message)
+    return damage_topic(TF_TOPIC, of_message)
 
 
-def moved(item, dx=0.0, dy=0.0, dz=0.0):
+def shift_transform(item, dx=0.0, dy=0.0, dz=0.0):
     p = item.transform.translation
     p.x, p.y, p.z = p.x + dx, p.y + dy, p.z + dz
 
 
-def quaternion(item, *xyzw):
+def set_quaternion(item, *xyzw):
     q = item.transform.rotation
     q.x, q.y, q.z, q.w = xyzw
 
 
-def xyzw(item):
+def read_quaternion(item):
     q = item.transform.rotation
     return q.x, q.y, q.z, q.w

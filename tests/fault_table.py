@@ -26,68 +26,76 @@ import guess
 import judge
 import runs
 import solve
-import wrecks
-from calib.geometry import se3
-from calib.io.logs import open_log
+from calib.geometry.se3 import invert_pose, rotation_angle
+from calib.io.logs.open_log import fingerprint_log
 from calib.io.status import InputError
+from runs import list_job_commands
+from wrecks import (
+    FAULT_CASES,
+    FAULT_GROUPS,
+    RESULTS_FOLDER,
+    list_run_messages,
+    simulate_clean_rows,
+    write_fault_run,
+)
 
-SENSORS = ("velodyne", "camera")
-SHOWN = {"velodyne": "lidar", "camera": "camera"}
-ONCE = ("",)
-STAGES = (
-    (decode, ONCE), (gate, ONCE), (guess, SENSORS), (crop, SENSORS), (extract, SENSORS),
-    (associate, ONCE), (solve, ONCE), (judge, ONCE),
+TABLE_SENSORS = ("velodyne", "camera")
+SENSOR_TITLES = {"velodyne": "lidar", "camera": "camera"}
+NO_SENSOR = ("",)
+STAGE_SENSORS = (
+    (decode, NO_SENSOR), (gate, NO_SENSOR), (guess, TABLE_SENSORS), (crop, TABLE_SENSORS), (extract, TABLE_SENSORS),
+    (associate, NO_SENSOR), (solve, NO_SENSOR), (judge, NO_SENSOR),
 )  # fmt: skip
-MOST = 1.3  # times the error of the clean log
-CLEAN = "clean"
-VERDICT = {"pass": "", "warn": ", warned", "fail": ", failed"}
+MAX_ERROR_RATIO = 1.3  # times the error of the clean log
+CLEAN_NAME = "clean"
+VERDICT_SUFFIX = {"pass": "", "warn": ", warned", "fail": ", failed"}
 
 
-class Outcome(NamedTuple):
+class FaultOutcome(NamedTuple):
     """What came of one recording: verdict, sentences, and errors, σ by sensor: (m, rad), None where
     there is no pose."""
 
     verdict: str
-    said: list
+    messages: list
     errors: dict
     sigmas: dict
 
 
-def commands(folder):
+def list_stage_arguments(folder):
     """{(stage, sensor or ""): arguments of its script}, as Snakemake gives them; of a recording
     whose config is that of the clean one, but for the fingerprint of the log, without it."""
-    clean = folder.parent / CLEAN
+    clean = folder.parent / CLEAN_NAME
     same = all(
         path.read_bytes() == (clean / path.relative_to(folder)).read_bytes()
         for path in sorted(folder.glob("config/**/*.yaml"))
     )
-    known = _of_snakemake(clean if same else folder)
-    return {k: _fitted(words) for k, words in known.items()}
+    known = _snakemake_arguments(clean if same else folder)
+    return {k: _with_log_fingerprint(words) for k, words in known.items()}
 
 
 @cache
-def _of_snakemake(folder):
-    return runs.commands(folder)
+def _snakemake_arguments(folder):
+    return list_job_commands(folder)
 
 
-def _fitted(words):
+def _with_log_fingerprint(arguments):
     """Arguments with the fingerprint of the log below the working directory."""
-    options = json.loads(words[-1])
+    options = json.loads(arguments[-1])
     if "fingerprint" in options:
-        options["fingerprint"] = open_log.fingerprint(options["log"])
-    return [*words[:-1], json.dumps(options)]
+        options["fingerprint"] = fingerprint_log(options["log"])
+    return [*arguments[:-1], json.dumps(options)]
 
 
-def run(folder):
+def run_fault_case(folder):
     """Take a working directory through all stages, in this process; what stops it goes into
     run.log."""
     os.chdir(folder)
-    shutil.rmtree(wrecks.RESULTS, ignore_errors=True)
-    for name in SENSORS:
-        Path(wrecks.RESULTS, "sim", name).mkdir(parents=True)
+    shutil.rmtree(RESULTS_FOLDER, ignore_errors=True)
+    for name in TABLE_SENSORS:
+        Path(RESULTS_FOLDER, "sim", name).mkdir(parents=True)
     try:
-        given = commands(folder)
-        for module, sensors in STAGES:
+        given = list_stage_arguments(folder)
+        for module, sensors in STAGE_SENSORS:
             for sensor in sensors:
                 module.main(given[module.__name__, sensor])
         said = ""
@@ -96,106 +104,116 @@ def run(folder):
     Path("run.log").write_text(said)
 
 
-def outcome(folder):
+def read_fault_outcome(folder):
     """The Outcome of a working directory that was run."""
-    path = folder / wrecks.RESULTS / "calibration.json"
+    path = folder / RESULTS_FOLDER / "calibration.json"
     if not path.exists():
-        return Outcome("stopped", stopped(folder), dict.fromkeys(SENSORS), dict.fromkeys(SENSORS))
+        return FaultOutcome(
+            "stopped",
+            read_stop_message(folder),
+            dict.fromkeys(TABLE_SENSORS),
+            dict.fromkeys(TABLE_SENSORS),
+        )
     found = json.loads(path.read_text())
     true = json.loads((folder / "truth.json").read_text())["sensors"]
     errors, sigmas = {}, {}
-    for name in SENSORS:
+    for name in TABLE_SENSORS:
         pose = found["sensors"][name]["T_robot_sensor"]
         errors[name] = sigmas[name] = None
         if pose:
-            off = se3.inverse(np.array(true[name]["T_robot_sensor"]["matrix"]))
+            off = invert_pose(np.array(true[name]["T_robot_sensor"]["matrix"]))
             off = off @ np.array(pose["matrix"])
             variance = np.diag(found["sensors"][name]["covariance"])
-            errors[name] = np.linalg.norm(off[:3, 3]), se3.angle(off[:3, :3])
+            errors[name] = np.linalg.norm(off[:3, 3]), rotation_angle(off[:3, :3])
             sigmas[name] = tuple(np.sqrt([variance[:3].sum(), variance[3:].sum()]))
-    return Outcome(found["verdict"], wrecks.said(folder), errors, sigmas)
+    return FaultOutcome(found["verdict"], list_run_messages(folder), errors, sigmas)
 
 
-def stopped(folder):
+def read_stop_message(folder):
     """Why nothing was made of a recording: the line on the terminal."""
     lines = (folder / "run.log").read_text().splitlines()
     return [next(line for line in lines if "logs/sim" in line).strip()]
 
 
-def one(folder, keep):
+def measure_fault(folder, has_kept_run):
     """Make, run and look at the recording of a working directory, which has the fault's name."""
-    if not (keep and (folder / "run.log").exists()):
-        run(wrecks.write(folder, wrecks.FAULTS.get(folder.name)))
+    if not (has_kept_run and (folder / "run.log").exists()):
+        run_fault_case(write_fault_run(folder, FAULT_CASES.get(folder.name)))
     print(folder.name, file=sys.stderr, flush=True)
-    return folder.name, outcome(folder)
+    return folder.name, read_fault_outcome(folder)
 
 
-def measured(work, names, keep=False, cores=2):
-    """{name: Outcome} of the clean recording and of those faults; keep: use what an earlier run
+def measure_all_faults(work, fault_names, has_kept_run=False, cores=2):
+    """{name: Outcome} of the clean recording and of those faults; has_kept_run: use what an earlier run
     left."""
-    wrecks.simulated("")
-    found = dict([one(work / CLEAN, keep)])
+    simulate_clean_rows("")
+    found = dict([measure_fault(work / CLEAN_NAME, has_kept_run)])
     with ProcessPoolExecutor(cores, get_context("fork")) as pool:
-        given = [work / name for name in names], [keep] * len(names)
-        return found | dict(pool.map(one, *given))
+        given = [work / name for name in fault_names], [has_kept_run] * len(fault_names)
+        return found | dict(pool.map(measure_fault, *given))
 
 
 # --- the page
 
 
-def ratio(found, clean, sensor):
+def compute_error_ratio(outcome, clean_outcome, sensor):
     """The error of a sensor's pose over the larger of the clean log's and its σ: the worse of
     position and rotation."""
-    known = zip(found.errors[sensor], clean.errors[sensor], clean.sigmas[sensor], strict=True)
+    known = zip(
+        outcome.errors[sensor],
+        clean_outcome.errors[sensor],
+        clean_outcome.sigmas[sensor],
+        strict=True,
+    )
     return max(error / max(clean_error, sigma) for error, clean_error, sigma in known)
 
 
-def sentence(fault, found, clean):
+def find_fault_message(fault, outcome, clean_outcome):
     """What is said of a fault, and not of the clean log; "" where nothing needs to be said."""
-    if not fault.says:
+    if not fault.expected_text:
         return ""
-    known = set(clean.said)
-    return next(s for s in found.said if fault.says in s and s not in known)
+    known = set(clean_outcome.messages)
+    return next(s for s in outcome.messages if fault.expected_text in s and s not in known)
 
 
-def comes_to(found, clean):
+def describe_consequence(outcome, clean_outcome):
     """What a fault leaves of the calibration, in a few words."""
-    if found.verdict == "stopped":
+    if outcome.verdict == "stopped":
         return "stopped, named"
-    lost = [SHOWN[s] for s in SENSORS if found.errors[s] is None]
-    given = [s for s in SENSORS if found.errors[s] is not None]
+    lost = [SENSOR_TITLES[s] for s in TABLE_SENSORS if outcome.errors[s] is None]
+    given = [s for s in TABLE_SENSORS if outcome.errors[s] is not None]
     out = [f"fails: {', '.join(lost)}"] if lost else []
-    if any(ratio(found, clean, s) > MOST for s in given):
-        out.append(f"worse{VERDICT[found.verdict]}")
+    if any(compute_error_ratio(outcome, clean_outcome, s) > MAX_ERROR_RATIO for s in given):
+        out.append(f"worse{VERDICT_SUFFIX[outcome.verdict]}")
     return "; ".join(out) or "as clean"
 
 
-def cell(found, clean, sensor):
+def format_error_cell(outcome, clean_outcome, sensor):
     """`0.45 mm 0.010° (1.0)` of a sensor."""
-    if found.errors[sensor] is None:
+    if outcome.errors[sensor] is None:
         return "none"
-    m, rad = found.errors[sensor]
-    return f"{1e3 * m:.2f} mm {np.degrees(rad):.4f}° ({ratio(found, clean, sensor):.2f})"
+    m, rad = outcome.errors[sensor]
+    return f"{1e3 * m:.2f} mm {np.degrees(rad):.4f}° ({compute_error_ratio(outcome, clean_outcome, sensor):.2f})"
 
 
-def row(name, found, clean):
+def format_fault_row(fault_name, outcome, clean_outcome):
     """One line of the table."""
-    fault = wrecks.FAULTS[name]
-    said = escaped(sentence(fault, found, clean)) or "–"
-    errors = [cell(found, clean, s) for s in SENSORS]
-    what = f"{fault.what}. {fault.note}" if fault.note else fault.what
-    return f"| `{name}` | {what} | {said} | {' | '.join(errors)} | {comes_to(found, clean)} |"
+    fault = FAULT_CASES[fault_name]
+    said = escape_table_cell(find_fault_message(fault, outcome, clean_outcome)) or "–"
+    errors = [format_error_cell(outcome, clean_outcome, s) for s in TABLE_SENSORS]
+    what = f"{fault.description}. {fault.note}" if fault.note else fault.description
+    return f"| `{fault_name}` | {what} | {said} | {' | '.join(errors)} | {describe_consequence(outcome, clean_outcome)} |"
 
 
-def escaped(text):
+def escape_table_cell(text):
     """Text as it may stand in a cell of a table."""
     return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
 
 
-HEAD = (
+TABLE_HEAD = (
     "| fixture | the fault | what is said | lidar | camera | comes to |\n|---|---|---|---|---|---|"
 )
-ABOUT = """# Faults of recordings, and what comes of them
+PAGE_INTRO = """# Faults of recordings, and what comes of them
 
 Made by `make faults` from tests/wrecks.py and the files that it names, where each fixture makes its
 fault in one recording with known truth: eight placements of a board and a cylinder before a lidar
@@ -217,18 +235,18 @@ a multiple of it means nothing. The worse of position and rotation counts.
 """
 
 
-def page(found):
+def render_fault_page(outcomes):
     """docs/faults.md of {name: Outcome}."""
-    clean = found[CLEAN]
+    clean = outcomes[CLEAN_NAME]
     shown = {
         s: f"{1e3 * clean.errors[s][0]:.2f} mm {np.degrees(clean.errors[s][1]):.4f}° "
         f"(σ {1e3 * clean.sigmas[s][0]:.2f} mm {np.degrees(clean.sigmas[s][1]):.4f}°)"
-        for s in SENSORS
+        for s in TABLE_SENSORS
     }
-    lines = [ABOUT.format(**shown, most=MOST)]
-    for group, faults in wrecks.GROUPS.items():
-        rows = [row(name, found[name], clean) for name in faults]
-        lines += [f"## {group}\n", HEAD, *rows, ""]
+    lines = [PAGE_INTRO.format(**shown, most=MAX_ERROR_RATIO)]
+    for group, faults in FAULT_GROUPS.items():
+        rows = [format_fault_row(name, outcomes[name], clean) for name in faults]
+        lines += [f"## {group}\n", TABLE_HEAD, *rows, ""]
     return "\n".join(lines)
 
 
@@ -239,8 +257,8 @@ def main(argv=None):
     parser.add_argument("--keep", action="store_true", help="what an earlier run left in WORK")
     parser.add_argument("--cores", type=int, default=2)
     args = parser.parse_args(argv)
-    found = measured(args.work.resolve(), list(wrecks.FAULTS), args.keep, args.cores)
-    (args.docs / "faults.md").write_text(page(found))
+    found = measure_all_faults(args.work.resolve(), list(FAULT_CASES), args.keep, args.cores)
+    (args.docs / "faults.md").write_text(render_fault_page(found))
 
 
 if __name__ == "__main__":

@@ -14,31 +14,31 @@ import simulate
 
 ROOT = Path(__file__).parents[1]
 SNAKEMAKE = Path(sys.executable).with_name("snakemake")
-SMALL = "--placements 4 --hold-s 0.8 --move-s 0.6 --sector-deg 60 --camera-hz 5 --seed 3"
+SMALL_ARGUMENTS = "--placements 4 --hold-s 0.8 --move-s 0.6 --sector-deg 60 --camera-hz 5 --seed 3"
 
 
-def simulated(folder, arguments):
+def simulate_into(folder, arguments):
     """A folder with a simulated log, its config and its truth."""
     simulate.main([str(folder), *arguments.split()])
     return folder
 
 
-def snakemake(folder, *arguments):
+def run_snakemake(folder, *arguments):
     """Run Snakemake on a folder, without an activated environment; returns the finished process."""
     command = [SNAKEMAKE, "-s", ROOT / "Snakefile", "-d", folder, "--cores", "2", *arguments]
     return subprocess.run(command, capture_output=True, text=True, env={"PATH": "/usr/bin:/bin"})
 
 
-def completed(folder, *arguments):
+def run_to_completion(folder, *arguments):
     """Run Snakemake and require that it ends well."""
-    run = snakemake(folder, *arguments)
+    run = run_snakemake(folder, *arguments)
     assert run.returncode == 0, run.stdout + run.stderr
     return run
 
 
-def planned(folder, *arguments):
+def list_planned_jobs(folder, *arguments):
     """Jobs that a run would execute, as (rule, sensor or "")."""
-    run = completed(folder, "-n", "--quiet", "host", *arguments)
+    run = run_to_completion(folder, "-n", "--quiet", "host", *arguments)
     text = run.stdout + run.stderr
     jobs = re.split(r"^(?:local)?rule ", text, flags=re.MULTILINE)[1:]
     found = []
@@ -50,26 +50,26 @@ def planned(folder, *arguments):
     return Counter(found)
 
 
-def edit(path, change):
+def edit_yaml(path, change):
     """Apply a function to the content of a YAML file."""
     content = yaml.safe_load(path.read_text())
     change(content)
     path.write_text(yaml.safe_dump(content, sort_keys=False))
 
 
-def config(folder):
+def simulated_config_path(folder):
     """config.yaml of a simulated recording."""
     return folder / "config" / "config.yaml"
 
 
-def rig(folder):
+def simulated_rig_path(folder):
     """The rig of a simulated recording."""
     return folder / "config" / "rigs" / "sim.yaml"
 
 
-def commands(folder):
+def list_job_commands(folder):
     """{(rule, sensor or ""): arguments of its script} of all jobs, as a person would paste them."""
-    run = completed(folder, "-n", "-F", "--printshellcmds", "--quiet", "host")
+    run = run_to_completion(folder, "-n", "-F", "--printshellcmds", "--quiet", "host")
     found = {}
     for line in (run.stdout + run.stderr).splitlines():
         if line.startswith("Shell command: ") and "--options" in line:

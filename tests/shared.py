@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-SHARED = Path(__file__).parents[2] / "shared" / "data"
+SHARED_DATA_FOLDER = Path(__file__).parents[2] / "shared" / "data"
 
 
-def shared_data(name):
+def find_shared_data(name):
     """Path of recorded data by its name below shared/data; skips the test where it is absent."""
-    path = SHARED / name
+    path = SHARED_DATA_FOLDER / name
     if not path.exists():
         pytest.skip(f"recorded data {name} is not beside this checkout, in ../shared/data")
     return path

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-import runs
-from calib.geometry import se3
+from calib.geometry.se3 import invert_pose, se3_log
+from runs import run_to_completion, simulate_into
 
 NOISE = (
     "--range-noise-m 0.01 --image-noise 1.8 --mcs-noise-m 0.00015 --mcs-noise-deg 0.02"
@@ -23,7 +23,7 @@ def errors(folder):
     for name, sensor in found.items():
         T = np.array(truth[name]["T_robot_sensor"]["matrix"])
         T_found = np.array(sensor["T_robot_sensor"]["matrix"])
-        out[name] = se3.se3_log(se3.inverse(T) @ T_found), np.array(sensor["covariance"])
+        out[name] = se3_log(invert_pose(T) @ T_found), np.array(sensor["covariance"])
     return out
 
 
@@ -34,22 +34,22 @@ def size(error):
 
 @pytest.fixture(scope="module")
 def exact(tmp_path_factory):
-    folder = runs.simulated(tmp_path_factory.mktemp("exact"), "--placements 10 --seed 1")
-    runs.completed(folder, OUTPUT)
+    folder = simulate_into(tmp_path_factory.mktemp("exact"), "--placements 10 --seed 1")
+    run_to_completion(folder, OUTPUT)
     return folder
 
 
 @pytest.fixture(scope="module")
 def noisy(tmp_path_factory):
-    folder = runs.simulated(tmp_path_factory.mktemp("noisy"), f"--placements 10 --seed 2 {NOISE}")
-    runs.completed(folder, OUTPUT)
+    folder = simulate_into(tmp_path_factory.mktemp("noisy"), f"--placements 10 --seed 2 {NOISE}")
+    run_to_completion(folder, OUTPUT)
     return folder
 
 
 def test_the_first_guess_is_off_by_centimetres_and_degrees(exact):
     for sensor in json.loads((exact / "truth.json").read_text())["sensors"].values():
         guess, true = (np.array(sensor[k]["matrix"]) for k in ("guess", "T_robot_sensor"))
-        millimetres, degrees = size(se3.se3_log(se3.inverse(true) @ guess))
+        millimetres, degrees = size(se3_log(invert_pose(true) @ guess))
         assert millimetres > 5 and degrees > 1
 
 
@@ -79,8 +79,8 @@ def test_with_noise_sigma_is_below_a_millimetre_and_not_below_the_mcs_bias_avera
 
 def test_the_range_noise_and_the_corner_noise_are_found(noisy):
     noise = json.loads((noisy / OUTPUT).read_text())["noise"]["sensors"]
-    assert noise["velodyne"]["surface"] == pytest.approx(0.01, rel=0.03)
-    assert noise["camera"]["corner"] < 0.015
+    assert noise["velodyne"]["target_surface"] == pytest.approx(0.01, rel=0.03)
+    assert noise["camera"]["pattern_corner"] < 0.015
 
 
 def test_all_placements_of_both_targets_are_used(exact):

@@ -6,22 +6,23 @@ import shutil
 import numpy as np
 import pytest
 
-import runs
 import solve
-from calib.geometry import se3
-from calib.io import parquet_tables, table_schemas
-from shared import shared_data
+from calib.geometry.se3 import invert_pose, rotation_angle, se3_log, so3_log
+from calib.io.parquet_tables import read_table, select_rows, write_table
+from calib.io.table_schemas import PAIRS_SCHEMA, RESIDUALS_SCHEMA
+from runs import list_job_commands, run_to_completion
+from shared import find_shared_data
 
 HOME = "results/car"
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    source = shared_data("acfr_vlp16")
+    source = find_shared_data("acfr_vlp16")
     folder = tmp_path_factory.mktemp("acfr")
     for name in ("config", "log"):
         shutil.copytree(source / name, folder / name, copy_function=shutil.copyfile)
-    runs.completed(folder)
+    run_to_completion(folder)
     return folder
 
 
@@ -37,12 +38,10 @@ def pose(result, sensor):
 @pytest.fixture(scope="module")
 def without_outlines(run, tmp_path_factory):
     """solution.json of the same data without the crossings of the board's outline."""
-    given, out = runs.commands(run)["solve", ""], tmp_path_factory.mktemp("without")
-    pairs, meta, notes = parquet_tables.read(
-        run / given[given.index("--pairs") + 1], table_schemas.PAIRS
-    )
-    kept = parquet_tables.select(pairs, np.asarray(pairs["kind"]) != "edge")
-    parquet_tables.write(out / "pairs.parquet", table_schemas.PAIRS, kept, meta, notes)
+    given, out = list_job_commands(run)["solve", ""], tmp_path_factory.mktemp("without")
+    pairs, meta, notes = read_table(run / given[given.index("--pairs") + 1], PAIRS_SCHEMA)
+    kept = select_rows(pairs, np.asarray(pairs["kind"]) != "board_outline")
+    write_table(out / "pairs.parquet", PAIRS_SCHEMA, kept, meta, notes)
     paths = {f"--{k}": out / k for k in ("solution", "residuals", "iterations")}
     for flag, path in (paths | {"--pairs": out / "pairs.parquet"}).items():
         given[given.index(flag) + 1] = str(path)
@@ -63,30 +62,30 @@ def test_every_placement_serves_both_sensors(result):
 def test_the_camera_is_the_robot_to_3_mm_and_0_05_deg(result):
     T = pose(result, "camera")
     assert np.linalg.norm(T[:3, 3]) < 0.003
-    assert np.degrees(se3.angle(T)) < 0.05
+    assert np.degrees(rotation_angle(T)) < 0.05
 
 
 def test_the_lidar_is_within_2_5_standard_deviations_of_the_published_mean(result):
-    published = json.loads((shared_data("acfr_vlp16") / "published.json").read_text())
+    published = json.loads((find_shared_data("acfr_vlp16") / "published.json").read_text())
     T_published = np.array(published["T_robot_lidar"])
-    error = se3.inverse(T_published) @ pose(result, "velodyne")
-    degrees = np.degrees(se3.so3_log(error[:3, :3]))
+    error = invert_pose(T_published) @ pose(result, "velodyne")
+    degrees = np.degrees(so3_log(error[:3, :3]))
     assert (np.abs(error[:3, 3]) < 2.5 * np.array(published["sd_m_in_lidar_axes"])).all()
     assert (np.abs(degrees) < 2.5 * np.array(published["sd_deg"])).all()
 
 
 def test_the_published_mean_is_within_3_sigma_widened_by_the_published_spread(result):
-    published = json.loads((shared_data("acfr_vlp16") / "published.json").read_text())
-    off = se3.inverse(np.array(published["T_robot_lidar"])) @ pose(result, "velodyne")
+    published = json.loads((find_shared_data("acfr_vlp16") / "published.json").read_text())
+    off = invert_pose(np.array(published["T_robot_lidar"])) @ pose(result, "velodyne")
     spread = np.concatenate([published["sd_m_in_lidar_axes"], np.radians(published["sd_deg"])])
     sigma = np.sqrt(np.diag(result["sensors"]["velodyne"]["covariance"]))
-    assert (np.abs(se3.se3_log(off)) < 3 * np.hypot(sigma, spread)).all()
+    assert (np.abs(se3_log(off)) < 3 * np.hypot(sigma, spread)).all()
 
 
 def test_without_outlines_the_lidar_moves_by_its_sigma_at_most(result, without_outlines):
     """Each of the six numbers, and all together. The two disagree by 3 cm and 1°, see below."""
-    moved = se3.inverse(pose(result, "velodyne")) @ pose(without_outlines, "velodyne")
-    xi, spread = se3.se3_log(moved), np.array(result["sensors"]["velodyne"]["covariance"])
+    moved = invert_pose(pose(result, "velodyne")) @ pose(without_outlines, "velodyne")
+    xi, spread = se3_log(moved), np.array(result["sensors"]["velodyne"]["covariance"])
     assert (np.abs(xi) < np.sqrt(np.diag(spread))).all()
     assert xi @ np.linalg.solve(spread, xi) < 6
 
@@ -98,8 +97,8 @@ def test_what_the_lidar_does_wrong_is_estimated_and_named(result):
 
 
 def test_the_median_distance_to_the_board_is_at_most_12_mm(run):
-    residuals, _, _ = parquet_tables.read(run / HOME / "residuals.parquet", table_schemas.RESIDUALS)
-    surface = (residuals["kind"] == "surface") & (residuals["weight"] > 0)
+    residuals, _, _ = read_table(run / HOME / "residuals.parquet", RESIDUALS_SCHEMA)
+    surface = (residuals["kind"] == "target_surface") & (residuals["weight"] > 0)
     assert np.median(np.abs(residuals["value"][surface, 0])) <= 0.012
 
 

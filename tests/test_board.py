@@ -8,9 +8,16 @@ import pytest
 import yaml
 
 import board
-from calib.io import config
+from board import draw_target_pdf
+from calib.io.config import validate_and_complete
 from calib.io.status import InputError
-from calib.targets import board_pdf, target_shapes
+from calib.targets.board_pdf import (
+    draw_board_sheet,
+    lay_out_sheet,
+    make_axis_strokes,
+    make_black_squares,
+)
+from calib.targets.target_shapes import target_from_config
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "config" / "targets" / "board.yaml"
@@ -35,8 +42,8 @@ def written(folder, content):
 
 
 def laid_out(content, page="custom", turn_deg=0.0):
-    block = config.complete("target", content, "small")
-    return board_pdf.lay_out(target_shapes.from_config(block), "small", page, turn_deg)
+    block = validate_and_complete("target", content, "small")
+    return lay_out_sheet(target_from_config(block), "small", page, turn_deg)
 
 
 def example(**more):
@@ -50,23 +57,23 @@ def page_mm(pdf):
 
 
 @pytest.mark.parametrize("page, mm", [("a3", (420, 297)), ("a2", (594, 420)), ("a0", (1189, 841))])
-def test_a_sheet_has_the_size_of_its_page_upright_or_on_its_side(tmp_path, page, mm):
+def test_a_sheet_has_the_size_of_its_page_upright_or_on_its_side(tmp_path, good_report_page, mm):
     out = tmp_path / "out.pdf"
-    board.main([str(written(tmp_path, SMALL)), str(out), "--page", page])
+    board.main([str(written(tmp_path, SMALL)), str(out), "--page", good_report_page])
     found = page_mm(out.read_bytes())
-    expected = mm if page == "a3" else mm[::-1]  # only A3 is too narrow for it upright
+    expected = mm if good_report_page == "a3" else mm[::-1]  # only A3 is too narrow for it upright
     assert found == pytest.approx(expected, abs=0.02)
 
 
 def test_a_millimetre_of_the_drawing_is_a_millimetre_on_the_page():
-    drawn = board_pdf.figure(example(turn_deg=45))
+    drawn = draw_board_sheet(example(turn_deg=45))
     (ax,) = drawn.axes
     inches = ax.transData.transform([[0, 0], [100, 0], [0, 100]]) / drawn.dpi
     assert inches * 25.4 == pytest.approx(np.array([[0, 0], [100, 0], [0, 100]]), abs=1e-9)
 
 
 def test_squares_have_the_number_and_the_size_of_the_config():
-    patches = board_pdf.figure(example(turn_deg=45)).axes[0].patches
+    patches = draw_board_sheet(example(turn_deg=45)).axes[0].patches
     black = [p for p in patches if p.get_fill()]
     assert len(black) == 7 * 6 // 2
     for p in black:
@@ -76,10 +83,10 @@ def test_squares_have_the_number_and_the_size_of_the_config():
 
 
 def test_inner_corners_are_where_squares_meet():
-    block = config.complete("target", yaml.safe_load(EXAMPLE.read_text()), EXAMPLE)
-    target = target_shapes.from_config(block)
+    block = validate_and_complete("target", yaml.safe_load(EXAMPLE.read_text()), EXAMPLE)
+    target = target_from_config(block)
     corners = 1e3 * target.pattern.corners()[:, :2]
-    vertices = board_pdf.black_squares(target).reshape(-1, 2)
+    vertices = make_black_squares(target).reshape(-1, 2)
     for corner in corners:
         assert np.sum(np.linalg.norm(vertices - corner, axis=1) < 1e-6) == 2
 
@@ -87,8 +94,8 @@ def test_inner_corners_are_where_squares_meet():
 @pytest.mark.parametrize("first, blacks", [("black", 10), ("white", 10)])
 def test_the_square_at_the_low_end_has_the_stated_colour(first, blacks):
     content = SMALL | {"pattern": SMALL["pattern"] | {"first_square": first}}
-    block = config.complete("target", content, "small")
-    squares = board_pdf.black_squares(target_shapes.from_config(block))
+    block = validate_and_complete("target", content, "small")
+    squares = make_black_squares(target_from_config(block))
     assert len(squares) == blacks
     low = np.any(np.all(np.isclose(squares[:, 0], [-75, -60]), axis=1))
     assert low == (first == "black")
@@ -102,7 +109,7 @@ def test_the_outline_is_cut_at_its_true_size_wherever_it_lies_on_the_page():
 
 
 def test_suggested_markers_lie_off_outline_and_pattern_and_have_no_symmetry():
-    places = example().coordinates
+    places = example().marker_coordinates
     assert len(places) == 5 and np.all(places % 10 == 0)
     assert np.abs(places).sum(1).max() < 707.1 - 40 * np.sqrt(2)
     inside = (np.abs(places[:, 0]) < 280 + 30) & (np.abs(places[:, 1]) < 240 + 30)
@@ -112,8 +119,8 @@ def test_suggested_markers_lie_off_outline_and_pattern_and_have_no_symmetry():
 
 
 def test_the_axes_are_shown_between_pattern_and_outline_and_meet_in_the_origin():
-    block = config.complete("target", SMALL, "small")
-    strokes = board_pdf.axis_strokes(target_shapes.from_config(block))
+    block = validate_and_complete("target", SMALL, "small")
+    strokes = make_axis_strokes(target_from_config(block))
     towards = strokes[:, 1] / np.linalg.norm(strokes[:, 1], axis=1)[:, None]
     assert towards == pytest.approx(np.array([[1, 0], [0, 1], [-1, 0], [0, -1]]))
     assert np.abs(strokes[[0, 2], :, 0]).min() >= 75 and np.abs(strokes[..., 0]).max() < 190
@@ -123,10 +130,10 @@ def test_the_axes_are_shown_between_pattern_and_outline_and_meet_in_the_origin()
 def test_a_printed_coordinate_is_where_its_cross_lies_on_the_target():
     drawn = example(turn_deg=45)
     first, second = drawn.markers[:2]
-    length = np.linalg.norm(drawn.coordinates[1] - drawn.coordinates[0])
+    length = np.linalg.norm(drawn.marker_coordinates[1] - drawn.marker_coordinates[0])
     assert np.linalg.norm(second - first) == pytest.approx(length)
-    labels = {t.get_text() for t in board_pdf.figure(drawn).axes[0].texts}
-    assert "({:.0f}, {:.0f})".format(*drawn.coordinates[0]) in labels
+    labels = {t.get_text() for t in draw_board_sheet(drawn).axes[0].texts}
+    assert "({:.0f}, {:.0f})".format(*drawn.marker_coordinates[0]) in labels
 
 
 def test_a_page_too_small_is_refused_with_both_sizes_and_the_remedy(tmp_path, capsys):
@@ -146,7 +153,7 @@ def test_a_pattern_beyond_the_outline_is_refused():
 
 def test_a_cylinder_is_refused(tmp_path):
     with pytest.raises(InputError, match="only a board"):
-        board.draw(ROOT / "config/targets/cylinder.yaml", tmp_path / "out.pdf", "custom", 0)
+        draw_target_pdf(ROOT / "config/targets/cylinder.yaml", tmp_path / "out.pdf", "custom", 0)
 
 
 def test_the_same_target_gives_the_same_bytes_and_the_example_in_docs(tmp_path):

@@ -7,10 +7,15 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.decoding import sensor_probe
+from calib.decoding.sensor_probe import CameraProbe
 from calib.sensors.camera import camera_info
-from calib.sensors.camera.camera_model import Camera
-from simulation import ros_log
+from calib.sensors.camera.camera_info import (
+    CameraInfoError,
+    camera_block_from_info,
+    is_rectified_topic,
+)
+from calib.sensors.camera.camera_model import CameraModel
+from simulation.ros_log import build_camera_info_factory
 
 STAMP = 1_700_000_000_000_000_000
 K = [800.0, 0, 450, 0, 790, 350, 0, 0, 1]
@@ -50,12 +55,12 @@ def message(name="plumb_bob", d=D, **changes):
     ],
 )
 def test_k_and_d_hold_for_raw_images(name, d, model, distortion):
-    block, words = camera_info.block(message(name, d), rectified=False)
+    block, words = camera_block_from_info(message(name, d), rectified=False)
     assert block == {
         "model": model, "size_px": [900, 700], "params": [800, 790, 450, 350, *distortion],
     }  # fmt: skip
     assert words == f"K and D of CameraInfo ({name or 'no model'})"
-    Camera(block["model"], tuple(block["params"]), tuple(block["size_px"]))
+    CameraModel(block["model"], tuple(block["params"]), tuple(block["size_px"]))
 
 
 @pytest.mark.parametrize("name, project", [("plumb_bob", cv2.projectPoints),
@@ -63,8 +68,8 @@ def test_k_and_d_hold_for_raw_images(name, d, model, distortion):
 def test_the_camera_projects_as_opencv_does_with_that_camera_info(name, project):
     d = D if name == "plumb_bob" else D[:4]
     p = np.random.default_rng(0).uniform([-1, -1, 2], [1, 1, 4], (50, 3))
-    block, _ = camera_info.block(message(name, d), rectified=False)
-    lens = Camera(block["model"], tuple(block["params"]), tuple(block["size_px"]))
+    block, _ = camera_block_from_info(message(name, d), rectified=False)
+    lens = CameraModel(block["model"], tuple(block["params"]), tuple(block["size_px"]))
     uv, ok = lens.project(p)
     at = p.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), np.reshape(K, (3, 3)), np.array(d)
     assert ok.all() and np.abs(uv - project(*at)[0].reshape(-1, 2)).max() < 1e-9
@@ -72,11 +77,11 @@ def test_the_camera_projects_as_opencv_does_with_that_camera_info(name, project)
 
 def test_p_holds_for_rectified_images_and_the_turn_is_told():
     """The shift of a right camera in P is where it sits, no part of its lens."""
-    block, words = camera_info.block(message(), rectified=True)
+    block, words = camera_block_from_info(message(), rectified=True)
     assert block == {"model": "radtan", "size_px": [900, 700],
                      "params": [700, 700, 440, 360, 0, 0, 0, 0]}  # fmt: skip
     assert "turned by 3.00° against the raw one" in words
-    assert "turned by 0.00°" in camera_info.block(message(r=np.zeros(9)), rectified=True)[1]
+    assert "turned by 0.00°" in camera_block_from_info(message(r=np.zeros(9)), rectified=True)[1]
 
 
 @pytest.mark.parametrize(
@@ -93,7 +98,7 @@ def test_p_holds_for_rectified_images_and_the_turn_is_told():
     ],
 )
 def test_the_name_of_a_topic_tells_rectified_images(topic, rectified):
-    assert camera_info.by_name(topic) == rectified
+    assert is_rectified_topic(topic) == rectified
 
 
 def test_fields_of_ros_1_have_capitals():
@@ -101,14 +106,14 @@ def test_fields_of_ros_1_have_capitals():
     for name in "kdrp":
         setattr(one, name.upper(), getattr(one, name))
         delattr(one, name)
-    assert camera_info.block(one, False)[0]["params"] == [800, 790, 450, 350, *D]
+    assert camera_block_from_info(one, False)[0]["params"] == [800, 790, 450, 350, *D]
 
 
 def test_binning_and_a_region_move_the_middle_of_pixels():
     """A point on full pixel (u, v) lies on binned pixel ((u - x - 0.5) / 2, ...) of a region at x:
     full pixels 100 and 101 make binned pixel 0 of a region that begins at 100."""
     roi = {"x_offset": 100, "y_offset": 40, "width": 600, "height": 400}
-    block, _ = camera_info.block(message(binning_x=2, binning_y=2, roi=roi), rectified=False)
+    block, _ = camera_block_from_info(message(binning_x=2, binning_y=2, roi=roi), rectified=False)
     assert block["size_px"] == [300, 200]
     assert block["params"][:4] == [400, 395, (450 - 100 - 0.5) / 2, (350 - 40 - 0.5) / 2]
 
@@ -128,28 +133,32 @@ def test_binning_and_a_region_move_the_middle_of_pixels():
     ],
 )
 def test_what_no_model_holds_is_refused_with_what_to_do(changes, reason, found):
-    with pytest.raises(camera_info.CameraInfoError) as caught:
-        camera_info.block(message(**changes), rectified=False)
+    with pytest.raises(CameraInfoError) as caught:
+        camera_block_from_info(message(**changes), rectified=False)
     status = caught.value.status
     assert status.reason == reason and found in status.found and not status.ok
     assert "params" in status.remedy or "rectified images" in status.remedy
 
 
 def test_a_rectified_image_without_p_is_refused():
-    with pytest.raises(camera_info.CameraInfoError, match="CameraInfo holds no P"):
-        camera_info.block(message(p=np.zeros(12)), rectified=True)
+    with pytest.raises(CameraInfoError, match="CameraInfo holds no P"):
+        camera_block_from_info(message(p=np.zeros(12)), rectified=True)
 
 
 def test_what_the_simulator_publishes_comes_back():
-    lens = Camera("radtan", (802.3, 801.1, 452.6, 347.9, -0.1, 0.02, 0.001, -0.002), (900, 700))
-    block, _ = camera_info.block(ros_log.camera_info(lens)(STAMP, "left"), rectified=False)
-    assert Camera(block["model"], tuple(block["params"]), tuple(block["size_px"])) == lens
+    lens = CameraModel(
+        "radtan", (802.3, 801.1, 452.6, 347.9, -0.1, 0.02, 0.001, -0.002), (900, 700)
+    )
+    block, _ = camera_block_from_info(
+        build_camera_info_factory(lens)(STAMP, "left"), rectified=False
+    )
+    assert CameraModel(block["model"], tuple(block["params"]), tuple(block["size_px"])) == lens
 
 
 # --- what the audit says of a camera
 
 TOPICS = {
-    "/left/camera_info": (camera_info.TYPE, 9),
+    "/left/camera_info": (camera_info.CAMERA_INFO_TYPE, 9),
     "/left/image_raw": ("sensor_msgs/msg/Image", 9),
 }
 CONFIG = {"kind": "camera", "topic": "/left/image_raw", "camera_info": "/left/camera_info"}
@@ -163,11 +172,11 @@ def picture(width=900, height=700, encoding="mono8"):
 
 def told(*infos, config=(), image=None):
     """(audit, status) of a camera that sent an image and these CameraInfo."""
-    camera = sensor_probe.Camera(CONFIG | dict(config))
-    camera.take(Recorded(picture() if image is None else image))
+    camera = CameraProbe(CONFIG | dict(config))
+    camera.add_message(Recorded(picture() if image is None else image))
     for one in infos:
-        camera.take_info(one)
-    return camera.told(1e8, TOPICS)
+        camera.add_camera_info(one)
+    return camera.audit(1e8, TOPICS)
 
 
 def test_the_audit_holds_the_lens_and_says_where_it_comes_from():
@@ -231,10 +240,10 @@ def test_a_lens_that_cannot_be_told_fails_with_what_was_found_and_what_to_do(
 
 
 def test_the_first_damaged_image_does_not_hide_the_next():
-    camera = sensor_probe.Camera({"kind": "camera", "topic": "/left/image_raw"})
+    camera = CameraProbe({"kind": "camera", "topic": "/left/image_raw"})
     damaged = picture()
     damaged.data = damaged.data[:9]
     for one in (damaged, picture()):
-        camera.take(Recorded(one))
-    audit, status = camera.told(1e8, {})
+        camera.add_message(Recorded(one))
+    audit, status = camera.audit(1e8, {})
     assert status.ok and audit == {"told": {"image": "mono8, 900 x 700 px"}}

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from calib.estimation.nlp.symbolic_chain import ca
-from calib.geometry import se3
-from calib.sensors.camera.camera_model import MODELS, Camera
-from shared import shared_data
+from calib.geometry.se3 import so3_exp
+from calib.sensors.camera.camera_model import CAMERA_MODELS, CameraModel
+from shared import find_shared_data
 
 F = (400, 410, 319.5, 239.5)
 FAR_PX = 6400
@@ -45,7 +45,7 @@ LENSES = {
     },
 }
 CAMERAS = {
-    f"{model} {name}": Camera(model, F + lens, (640, 480))
+    f"{model} {name}": CameraModel(model, F + lens, (640, 480))
     for model, lenses in LENSES.items()
     for name, lens in lenses.items()
 }
@@ -66,7 +66,7 @@ def point(theta, phi, distance):
 def symbolic(camera):
     """CasADi function of (x, y, z): pixel (2), derivative (2, 3)."""
     p = ca.SX.sym("p", 3)
-    uv = ca.vertcat(*MODELS[camera.model].project(camera.params, p[0], p[1], p[2]))
+    uv = ca.vertcat(*CAMERA_MODELS[camera.model].project(camera.params, p[0], p[1], p[2]))
     return ca.Function("project", [p], [uv, ca.jacobian(uv, p)])
 
 
@@ -84,7 +84,7 @@ def slope(camera, p, h=1e-6):
 
 
 def test_every_model_has_lenses_to_be_tested_with():
-    assert set(LENSES) == set(MODELS)
+    assert set(LENSES) == set(CAMERA_MODELS)
 
 
 # --- there and back
@@ -248,7 +248,7 @@ def test_radtan_sees_nothing_beside_or_behind_itself(name):
 def test_radtan_sees_nothing_beyond_the_radius_at_which_it_turns_back():
     """1 - 3·0.35 s + 5·0.02 s² = 0 at s = tan² θ = 1.0592."""
     turn = np.sqrt((1.05 - np.sqrt(1.05**2 - 0.4)) / 0.2)
-    camera = Camera("radtan", F + (-0.35, 0.02, 0, 0), (640, 480))
+    camera = CameraModel("radtan", F + (-0.35, 0.02, 0, 0), (640, 480))
     p = [[turn - 1e-6, 0, 1], [turn + 1e-6, 0, 1], [0, -(turn + 1e-6), 1], [3, 4, 1]]
     assert camera.project(p)[1].tolist() == [True, False, False, False]
 
@@ -274,7 +274,7 @@ def test_double_sphere_sees_as_far_as_its_authors_say(xi, alpha):
     w1 = (1 - alpha) / alpha if alpha > 0.5 else alpha / (1 - alpha)
     w2 = (w1 + xi) / np.sqrt(2 * w1 * xi + xi**2 + 1)
     limit = np.arccos(-w2)
-    camera = Camera("double_sphere", (*F, xi, alpha), (640, 480))
+    camera = CameraModel("double_sphere", (*F, xi, alpha), (640, 480))
     p = np.concatenate([point(limit + d, 0.3, 2.0) for d in (-1e-6, 1e-6)])
     assert camera.project(p)[1].tolist() == [True, False]
 
@@ -347,13 +347,13 @@ def test_kannala_brandt_is_that_of_opencv_to_1e_9_px(name):
 )
 def test_a_wrong_number_of_params_is_refused_with_what_the_model_takes(model, n, words):
     with pytest.raises(ValueError) as caught:
-        Camera(model, (1.0,) * n, (640, 480))
+        CameraModel(model, (1.0,) * n, (640, 480))
     assert words in str(caught.value)
 
 
 def test_a_left_out_k3_is_zero():
-    short = Camera("radtan", F + (-0.28, 0.09, 0.001, 0.002), (640, 480))
-    assert short == Camera("radtan", F + (-0.28, 0.09, 0.001, 0.002, 0), (640, 480))
+    short = CameraModel("radtan", F + (-0.28, 0.09, 0.001, 0.002), (640, 480))
+    assert short == CameraModel("radtan", F + (-0.28, 0.09, 0.001, 0.002, 0), (640, 480))
 
 
 # --- pixels
@@ -361,7 +361,7 @@ def test_a_left_out_k3_is_zero():
 
 def test_pixel_0_0_is_the_centre_of_the_top_left_pixel():
     """A pinhole in the middle of a 2 × 2 image looks at the corner that all four pixels share."""
-    camera = Camera("radtan", (1, 1, 0.5, 0.5, 0, 0, 0, 0), (2, 2))
+    camera = CameraModel("radtan", (1, 1, 0.5, 0.5, 0, 0, 0, 0), (2, 2))
     uv, _ = camera.project([[0, 0, 1], [-0.5, -0.5, 1], [0.5, 0.5, 1]])
     assert uv == pytest.approx(np.array([[0.5, 0.5], [0, 0], [1, 1]]))
 
@@ -370,15 +370,18 @@ def test_the_image_ends_half_a_pixel_beyond_the_centres_of_its_outer_pixels():
     camera = CAMERAS["radtan pinhole"]
     inside = [[-0.5, -0.5], [639.5, 479.5], [0, 0], [639, 479]]
     outside = [[-0.51, 5], [5, -0.51], [639.51, 5], [5, 479.51], [640, 480]]
-    assert camera.in_image(inside).all()
-    assert not camera.in_image(outside).any()
+    assert camera.is_in_image(inside).all()
+    assert not camera.is_in_image(outside).any()
 
 
 def test_a_margin_moves_the_border_inwards_and_a_negative_one_outwards():
     camera = CAMERAS["radtan pinhole"]
-    assert camera.in_image([[9.5, 9.5], [629.5, 469.5]], 10).all()
-    assert not camera.in_image([[9.4, 20], [629.6, 20], [20, 9.4], [20, 469.6]], 10).any()
-    assert camera.in_image([[-10.5, 0]], -10).all() and not camera.in_image([[-10.6, 0]], -10).any()
+    assert camera.is_in_image([[9.5, 9.5], [629.5, 469.5]], 10).all()
+    assert not camera.is_in_image([[9.4, 20], [629.6, 20], [20, 9.4], [20, 469.6]], 10).any()
+    assert (
+        camera.is_in_image([[-10.5, 0]], -10).all()
+        and not camera.is_in_image([[-10.6, 0]], -10).any()
+    )
 
 
 # --- against a lens that two others calibrated
@@ -386,7 +389,7 @@ def test_a_margin_moves_the_border_inwards_and_a_negative_one_outwards():
 
 def tumvi(name):
     """Parameters of TUM-VI's camera 0 by basalt."""
-    with shared_data(f"cameras/tumvi_512_{name}_calib.json").open() as stream:
+    with find_shared_data(f"cameras/tumvi_512_{name}_calib.json").open() as stream:
         return json.load(stream)["value0"]["intrinsics"][0]["intrinsics"]
 
 
@@ -394,15 +397,15 @@ def field_of_view():
     """Rays and pixels of TUM-VI's camera 0 up to 80° off its axis, by TUM's own parameters."""
     params = (190.978, 190.973, 254.932, 256.897, 0.003482, 0.000715, -0.002053, 0.000203)
     pixels = 8.0 * np.stack(np.meshgrid(np.arange(64), np.arange(64)), -1).reshape(-1, 2)
-    rays, ok = Camera("kannala_brandt", params, (512, 512)).unproject(pixels)
+    rays, ok = CameraModel("kannala_brandt", params, (512, 512)).unproject(pixels)
     use = ok & (rays[:, 2] > np.cos(np.radians(80)))
     return rays[use], pixels[use]
 
 
 def basalt_double_sphere():
     k = tumvi("ds")
-    params = [k[name] for name in MODELS["double_sphere"].PARAMS]
-    return Camera("double_sphere", params, (512, 512))
+    params = [k[name] for name in CAMERA_MODELS["double_sphere"].PARAMETER_NAMES]
+    return CameraModel("double_sphere", params, (512, 512))
 
 
 def test_double_sphere_and_kannala_brandt_of_one_lens_agree_to_0_3_px_rms_per_axis():
@@ -411,7 +414,7 @@ def test_double_sphere_and_kannala_brandt_of_one_lens_agree_to_0_3_px_rms_per_ax
     rays, pixels = field_of_view()
 
     def off(w):
-        uv, valid = camera.project(rays @ se3.so3_exp(w).T)
+        uv, valid = camera.project(rays @ so3_exp(w).T)
         assert valid.all()
         return (uv - pixels).reshape(-1)
 

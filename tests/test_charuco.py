@@ -6,17 +6,19 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.geometry import se3
-from calib.io import config
+from calib.geometry.se3 import invert_pose, make_pose, so3_exp, transform_points
+from calib.io.config import validate_and_complete
 from calib.io.status import InputError
-from calib.sensors.camera.camera_model import Camera
-from calib.sensors.camera.images import image_messages
-from calib.targets import target_shapes
+from calib.sensors.camera.camera_model import CameraModel
+from calib.sensors.camera.images.image_messages import to_grey
 from calib.targets.patterns.charuco import Charuco
+from calib.targets.target_shapes import target_from_config
 
 PATTERN = Charuco((5, 7), 0.06, 0.045, "DICT_6X6_250")
-CAMERA = Camera("radtan", (900.0, 900.0, 449.5, 349.5, -0.1, 0.02, 0.0005, -0.0003), (900, 700))
-POSE = se3.pose(se3.so3_exp([0.3, -0.2, 0.1]) @ np.diag([1.0, -1, -1]), [0.02, -0.01, 0.8])
+CAMERA = CameraModel(
+    "radtan", (900.0, 900.0, 449.5, 349.5, -0.1, 0.02, 0.0005, -0.0003), (900, 700)
+)
+POSE = make_pose(so3_exp([0.3, -0.2, 0.1]) @ np.diag([1.0, -1, -1]), [0.02, -0.01, 0.8])
 COVERED = 400  # columns
 BLOCK = {
     "body": "b",
@@ -37,17 +39,19 @@ def photographed():
     rays a pixel each way."""
     px = 40  # of the print, per square
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
-    board = cv2.aruco.CharucoBoard(PATTERN.squares, PATTERN.square, PATTERN.marker, dictionary)
+    board = cv2.aruco.CharucoBoard(
+        PATTERN.n_squares, PATTERN.square_m, PATTERN.marker_m, dictionary
+    )
     printed = board.generateImage((5 * px, 7 * px), marginSize=0)
-    width, height = CAMERA.size
-    fine = (np.arange(4 * max(CAMERA.size)) + 0.5) / 4 - 0.5
+    width, height = CAMERA.size_px
+    fine = (np.arange(4 * max(CAMERA.size_px)) + 0.5) / 4 - 0.5
     uv = np.stack(np.meshgrid(fine[: 4 * width], fine[: 4 * height]), -1).reshape(-1, 2)
-    T = se3.inverse(POSE)
+    T = invert_pose(POSE)
     rays, _ = CAMERA.unproject(uv)
     rays = rays @ T[:3, :3].T
     hit = T[:3, 3] - rays * (T[2, 3] / rays[:, 2])[:, None]
-    column = np.floor((hit[:, 0] / PATTERN.square + 2.5) * px).astype(int)
-    row = np.floor((3.5 - hit[:, 1] / PATTERN.square) * px).astype(int)
+    column = np.floor((hit[:, 0] / PATTERN.square_m + 2.5) * px).astype(int)
+    row = np.floor((3.5 - hit[:, 1] / PATTERN.square_m) * px).astype(int)
     inside = (column >= 0) & (column < 5 * px) & (row >= 0) & (row < 7 * px)
     grey = np.full(len(uv), 120.0)
     grey[inside] = 40 + 160 / 255 * printed[row[inside], column[inside]]
@@ -58,41 +62,43 @@ def photographed():
 
 def test_every_corner_is_found_by_its_own_number_to_a_thirtieth_of_a_pixel():
     """Quadrature of 4 × 4 rays and the cells of the print make up most of the error."""
-    found, status = PATTERN.locate(photographed(), CAMERA, np.zeros(2))
-    assert status.ok and sorted(found.index) == list(range(24))
-    true, _ = CAMERA.project(se3.transform(POSE, PATTERN.corners()))
-    off = found.uv - true[found.index]
+    found, status = PATTERN.locate_corners(photographed(), CAMERA, np.zeros(2))
+    assert status.ok and sorted(found.corner_index) == list(range(24))
+    true, _ = CAMERA.project(transform_points(POSE, PATTERN.corners()))
+    off = found.uv - true[found.corner_index]
     assert np.sqrt(np.mean(off**2)) < 0.035
 
 
 def test_a_part_of_the_board_tells_which_part_it_is():
     image = photographed().copy()
     image[:, :COVERED] = 120
-    found, status = PATTERN.locate(image, CAMERA, np.zeros(2))
-    assert 6 <= len(found.index) < 24 and "corners not seen" in status.reason
-    true, _ = CAMERA.project(se3.transform(POSE, PATTERN.corners()))
-    assert np.abs(found.uv - true[found.index]).max() < 0.2
+    found, status = PATTERN.locate_corners(image, CAMERA, np.zeros(2))
+    assert 6 <= len(found.corner_index) < 24 and "corners not seen" in status.reason
+    true, _ = CAMERA.project(transform_points(POSE, PATTERN.corners()))
+    assert np.abs(found.uv - true[found.corner_index]).max() < 0.2
 
 
 def test_a_region_of_the_image_gives_pixels_of_the_whole():
     image, offset = photographed(), np.array([180, 90])
-    whole, _ = PATTERN.locate(image, CAMERA, np.zeros(2))
-    part, _ = PATTERN.locate(image[90:, 180:], CAMERA, offset)
-    both = np.isin(whole.index, part.index)
+    whole, _ = PATTERN.locate_corners(image, CAMERA, np.zeros(2))
+    part, _ = PATTERN.locate_corners(image[90:, 180:], CAMERA, offset)
+    both = np.isin(whole.corner_index, part.corner_index)
     np.testing.assert_allclose(
-        part.uv[np.argsort(part.index)], whole.uv[both][np.argsort(whole.index[both])], atol=0.01
+        part.uv[np.argsort(part.corner_index)],
+        whole.uv[both][np.argsort(whole.corner_index[both])],
+        atol=0.01,
     )
 
 
 def test_an_image_without_the_board_says_what_was_expected():
-    found, status = PATTERN.locate(np.full((200, 300), 120, np.uint8), CAMERA, np.zeros(2))
+    found, status = PATTERN.locate_corners(np.full((200, 300), 120, np.uint8), CAMERA, np.zeros(2))
     assert found is None and not status.ok
     assert "0 corners" in status.found and "6 or more of 24 inner corners" in status.expected
 
 
 def test_a_board_that_was_printed_mirrored_is_told_from_none():
     mirrored = np.ascontiguousarray(photographed()[:, ::-1])
-    found, status = PATTERN.locate(mirrored, CAMERA, np.zeros(2))
+    found, status = PATTERN.locate_corners(mirrored, CAMERA, np.zeros(2))
     assert found is None and status.reason == "the ChArUco board is seen mirrored"
     assert status.remedy.startswith("Print it anew as it is, not mirrored")
 
@@ -106,12 +112,14 @@ def test_rows_run_upwards_and_columns_to_the_right_about_the_middle():
 
 
 def test_its_outline_is_that_of_the_print_unless_stated_and_gives_no_lidar_an_edge():
-    block = config.complete("target", BLOCK, "x")
-    board = target_shapes.from_config(block)
+    block = validate_and_complete("target", BLOCK, "x")
+    board = target_from_config(block)
     np.testing.assert_allclose(np.abs(board.vertices), [[0.15, 0.21]] * 4)
-    assert len(board.edges()) == 0
+    assert len(board.outline_edges()) == 0
     stated = BLOCK | {"outline_m": [[0.2, 0.3], [-0.2, 0.3], [-0.2, -0.3], [0.2, -0.3]]}
-    assert len(target_shapes.from_config(config.complete("target", stated, "x")).edges()) == 4
+    assert (
+        len(target_from_config(validate_and_complete("target", stated, "x")).outline_edges()) == 4
+    )
 
 
 @pytest.mark.parametrize(
@@ -120,17 +128,17 @@ def test_its_outline_is_that_of_the_print_unless_stated_and_gives_no_lidar_an_ed
 )
 def test_a_wrong_pattern_is_refused_with_its_key(change, message):
     with pytest.raises(InputError, match=message):
-        config.complete("target", BLOCK | {"pattern": BLOCK["pattern"] | change}, "x")
+        validate_and_complete("target", BLOCK | {"pattern": BLOCK["pattern"] | change}, "x")
 
 
 def test_a_checkerboard_still_needs_an_outline():
     pattern = {"kind": "checkerboard", "inner_corners": [6, 5], "square_m": 0.1}
     block = {"body": "b", "shape": "board", "pattern": pattern | {"first_corner_m": [0, 0]}}
     with pytest.raises(InputError, match="missing key outline_m"):
-        config.complete("target", block, "x")
+        validate_and_complete("target", block, "x")
 
 
 def test_colour_images_are_read_alike():
     grey = photographed()
-    again = image_messages.grey(np.repeat(grey[..., None], 3, -1))
+    again = to_grey(np.repeat(grey[..., None], 3, -1))
     np.testing.assert_array_equal(again, grey)

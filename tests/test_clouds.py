@@ -9,12 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.io.logs import message_headers
-from calib.io.logs.message_types import Types
+from calib.io.logs.message_headers import header_stamp_ns
+from calib.io.logs.message_types import MessageTypes
 from calib.io.status import MessageError
-from calib.sensors.lidar.clouds import cloud_layout, cloud_messages, pointcloud2
+from calib.sensors.lidar.clouds import cloud_messages, pointcloud2
+from calib.sensors.lidar.clouds.cloud_layout import CloudLayout, infer_cloud_layout
+from calib.sensors.lidar.clouds.cloud_messages import read_raw_cloud
 from simulation import ros_log
-from simulation.sensors import cloud_formats, scan_patterns
+from simulation.ros_log import SPECIAL_CLOUD_MESSAGES, make_cloud_message
+from simulation.sensors.cloud_formats import CLOUD_FORMATS, Echoes
+from simulation.sensors.scan_patterns import SCAN_PATTERNS
 
 CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 
@@ -94,15 +98,13 @@ def cloud(layout, xyz=XYZ, height=1, big=False, row_padding=0):
 
 def heard(*messages, asked=None):
     """The Layout, words and status of messages, each recorded a little after its scan's end."""
-    samples = [
-        (cloud_messages.read(m), message_headers.stamp_ns(m) + PERIOD + 2_000_000) for m in messages
-    ]
-    return cloud_layout.infer([s for s in samples if len(s[0].place[0])], PERIOD, asked or {})
+    samples = [(read_raw_cloud(m), header_stamp_ns(m) + PERIOD + 2_000_000) for m in messages]
+    return infer_cloud_layout([s for s in samples if len(s[0].grid_index[0])], PERIOD, asked or {})
 
 
 def points(message, layout):
     """clouds.points by what a whole cloud of that layout tells."""
-    return cloud_messages.points(message, heard(cloud(layout))[0])
+    return cloud_messages.read_points(message, heard(cloud(layout))[0])
 
 
 def has(layout, *names):
@@ -165,7 +167,7 @@ def test_a_cloud_without_coordinates_is_refused_with_the_fields_it_has():
     message = cloud("velodyne, packed")
     message.fields = [f for f in message.fields if f.name != "z"]
     with pytest.raises(MessageError) as caught:
-        cloud_messages.read(message)
+        read_raw_cloud(message)
     assert str(caught.value) == (
         "a cloud without x, y, z: its fields are x, y, intensity, ring, time"
     )
@@ -190,37 +192,41 @@ def test_a_range_that_the_driver_does_not_fill_says_nothing():
 # --- what drivers publish: the same points, times and rings
 
 STAMP = SEC * 10**9 + NANOSEC
-ALL = [*cloud_formats.DRIVERS, *ros_log.MESSAGES]
+ALL = [*CLOUD_FORMATS, *SPECIAL_CLOUD_MESSAGES]
 
 
 def scan(number, columns=360, missing=0.1):
     """Echoes of a turn of 16 beams that are 2° apart, some without return, on a wall 2 to 9 m away;
     of one beam in the plane for a number of columns below 0."""
-    firing = scan_patterns.PATTERNS["beams16"]._replace(columns=abs(columns))
+    firing = SCAN_PATTERNS["beams16"]._replace(n_columns=abs(columns))
     if columns < 0:
         firing = firing._replace(elevation_deg=(0.0,))
-    firing = firing.firing(np.pi, 0)
+    firing = firing.make_firing(np.pi, 0)
     rng = np.random.default_rng(number)
-    shape = firing.beams.shape[:2]
+    shape = firing.beam_directions.shape[:2]
     returned = rng.uniform(size=shape) > missing
     distance = np.where(returned, rng.uniform(2, 9, shape), 0.0)
-    xyz = firing.beams * distance[..., None]
+    xyz = firing.beam_directions * distance[..., None]
     t = STAMP + number * PERIOD
-    return cloud_formats.Echoes(xyz, distance, 0 * distance, returned, firing.after[:, None], t)
+    return Echoes(xyz, distance, 0 * distance, returned, firing.column_time_ns[:, None], t)
 
 
 def recorded(driver, change=lambda m: m, columns=360):
     """Echoes and messages of ten scans of a driver; change is applied to each message."""
     echoes = [scan(i, columns) for i in range(10)]
-    return echoes, [change(logged(ros_log.cloud(e.t, "lidar", driver, e))) for e in echoes]
+    return echoes, [
+        change(logged(make_cloud_message(e.stamp_ns, "lidar", driver, e))) for e in echoes
+    ]
 
 
 def logged(message):
     """A message as a log gives it."""
-    name, types = message.__msgtype__, Types("a log")
-    types.define(name, "ros2msg", ros_log.STORE.generate_msgdef(name, ros_version=2)[0])
-    data = bytearray(ros_log.STORE.serialize_cdr(message, name))  # one that tests may change
-    return types.codec(name, "cdr").content(data)
+    name, types = message.__msgtype__, MessageTypes("a log")
+    types.add_definition(
+        name, "ros2msg", ros_log.ROS2_TYPES.generate_msgdef(name, ros_version=2)[0]
+    )
+    data = bytearray(ros_log.ROS2_TYPES.serialize_cdr(message, name))  # one that tests may change
+    return types.make_codec(name, "cdr").decode(data)
 
 
 def in_order(*columns):
@@ -236,15 +242,15 @@ def test_points_times_and_rings_of_every_driver_are_the_same(driver):
     layout, words, status = heard(*messages)
     assert status.ok
     e, message = echoes[3], messages[3]
-    xyz, ring, dt = cloud_messages.points(message, layout)
-    beam = np.broadcast_to(np.arange(e.distance.shape[1]), e.distance.shape)[e.returned]
-    after = np.broadcast_to(e.after, e.distance.shape)[e.returned]
-    t = dt + message_headers.stamp_ns(message) - e.t
-    expected, after, beam = in_order(e.xyz[e.returned], after, beam)
+    xyz, ring, dt = cloud_messages.read_points(message, layout)
+    beam = np.broadcast_to(np.arange(e.distance_m.shape[1]), e.distance_m.shape)[e.has_return]
+    after = np.broadcast_to(e.column_time_ns, e.distance_m.shape)[e.has_return]
+    t = dt + header_stamp_ns(message) - e.stamp_ns
+    expected, after, beam = in_order(e.xyz[e.has_return], after, beam)
     found, t, ring = in_order(xyz, t, ring)
     assert np.abs(found - expected).max() < 1e-5
     if driver == "plain":
-        assert layout.time is None and (dt == 0).all()
+        assert layout.point_time is None and (dt == 0).all()
     else:
         assert np.abs(t - after).max() < (1000 if driver == "laserscan" else 300)
     assert np.array_equal(ring, beam)
@@ -277,7 +283,7 @@ def test_the_audit_says_in_words_which_time_was_found(driver):
 def test_a_layout_goes_through_json_and_back():
     for driver in ALL:
         layout = heard(*recorded(driver)[1])[0]
-        assert cloud_layout.Layout.from_dict(json.loads(json.dumps(layout.to_dict()))) == layout
+        assert CloudLayout.from_dict(json.loads(json.dumps(layout.to_dict()))) == layout
 
 
 # --- times
@@ -289,7 +295,7 @@ def times_as(kind, make):
     def change(message):
         cloud = pointcloud2.read(message)
         dt = np.asarray(cloud.fields["t"], np.int64)
-        made = make(dt, cloud.stamp).astype(kind)
+        made = make(dt, cloud.stamp_ns).astype(kind)
         points = message.data.reshape(-1, message.point_step)
         size = made.dtype.itemsize
         message.data = np.hstack([points, made.reshape(-1, 1).view("u1")]).reshape(-1)
@@ -325,11 +331,17 @@ def times_as(kind, make):
 def test_unit_and_origin_of_times_show_by_how_they_grow(kind, make, unit, origin):
     echoes, messages = recorded("sick", times_as(kind, make))
     layout, words, _ = heard(*messages)
-    assert (layout.time.field, layout.time.unit, layout.time.origin) == ("stamps", unit, origin)
+    assert (layout.point_time.field, layout.point_time.unit, layout.point_time.origin) == (
+        "stamps",
+        unit,
+        origin,
+    )
     assert "doubtful" not in words["time"]
-    dt = cloud_messages.points(messages[3], layout)[2]
+    dt = cloud_messages.read_points(messages[3], layout)[2]
     shift = -100_000_000 if kind == "i4" else 0
-    true = np.broadcast_to(echoes[3].after, echoes[3].returned.shape)[echoes[3].returned]
+    true = np.broadcast_to(echoes[3].column_time_ns, echoes[3].has_return.shape)[
+        echoes[3].has_return
+    ]
     assert np.abs(np.sort(dt) - np.sort(true) - shift).max() < 5000
 
 
@@ -337,20 +349,24 @@ def test_unit_and_origin_of_times_show_by_how_they_grow(kind, make, unit, origin
 @pytest.mark.parametrize("driver", ["velodyne", "ouster", "hesai", "livox"])
 def test_times_of_a_log_with_few_of_the_clouds_are_those_of_the_driver(driver, apart_s):
     """A cloud in 3 s or in 1000 s, as of a topic that was thinned out."""
-    echoes = [scan(i)._replace(t=STAMP + i * apart_s * 10**9) for i in range(3)]
+    echoes = [scan(i)._replace(stamp_ns=STAMP + i * apart_s * 10**9) for i in range(3)]
     samples = [
-        (cloud_messages.read(ros_log.cloud(e.t, "lidar", driver, e)), e.t + PERIOD) for e in echoes
+        (read_raw_cloud(make_cloud_message(e.stamp_ns, "lidar", driver, e)), e.stamp_ns + PERIOD)
+        for e in echoes
     ]
-    layout, words, _ = cloud_layout.infer(samples, apart_s * 10**9, {})
-    assert layout.time == heard(*recorded(driver)[1])[0].time
-    assert layout.period == 0 and "from scan to scan" not in words["time"]
+    layout, words, _ = infer_cloud_layout(samples, apart_s * 10**9, {})
+    assert layout.point_time == heard(*recorded(driver)[1])[0].point_time
+    assert layout.period_ns == 0 and "from scan to scan" not in words["time"]
 
 
 def test_a_cloud_without_times_counts_for_a_scan_to_both_sides_of_its_stamp():
     layout = heard(*recorded("plain")[1])[0]
-    assert layout.reach(np.zeros(5, int)) == (-PERIOD, PERIOD)
-    samples = [(cloud_messages.read(m), message_headers.stamp_ns(m)) for m in recorded("plain")[1]]
-    assert cloud_layout.infer(samples, 3 * 10**9, {})[0].reach(None) == (-200_000_000, 200_000_000)
+    assert layout.time_span_ns(np.zeros(5, int)) == (-PERIOD, PERIOD)
+    samples = [(read_raw_cloud(m), header_stamp_ns(m)) for m in recorded("plain")[1]]
+    assert infer_cloud_layout(samples, 3 * 10**9, {})[0].time_span_ns(None) == (
+        -200_000_000,
+        200_000_000,
+    )
 
 
 def test_a_lidar_clock_on_tai_is_named():
@@ -361,17 +377,17 @@ def test_a_lidar_clock_on_tai_is_named():
 
 def test_a_stamp_that_the_log_took_at_once_is_that_of_the_last_point():
     _, messages = recorded("sick", times_as("f8", lambda dt, t: (t + dt) / 1e9 + 5000))
-    samples = [(cloud_messages.read(m), message_headers.stamp_ns(m) + 3_000_000) for m in messages]
-    layout, _, _ = cloud_layout.infer(samples, PERIOD, {})
-    assert layout.time.origin == "last"
-    dt = cloud_messages.points(messages[0], layout)[2]
+    samples = [(read_raw_cloud(m), header_stamp_ns(m) + 3_000_000) for m in messages]
+    layout, _, _ = infer_cloud_layout(samples, PERIOD, {})
+    assert layout.point_time.origin == "last"
+    dt = cloud_messages.read_points(messages[0], layout)[2]
     assert dt.max() == 0 and dt.min() == pytest.approx(-99_700_000, abs=1e6)
 
 
 def test_points_that_the_log_took_before_they_were_measured_are_doubted_in_words():
     _, messages = recorded("ouster")
-    samples = [(cloud_messages.read(m), message_headers.stamp_ns(m) + 3_000_000) for m in messages]
-    words = cloud_layout.infer(samples, PERIOD, {})[1]["time"]
+    samples = [(read_raw_cloud(m), header_stamp_ns(m) + 3_000_000) for m in messages]
+    words = infer_cloud_layout(samples, PERIOD, {})[1]["time"]
     assert "doubtful: the last points lie 97 ms after the log took them" in words
     assert "write point_time: {origin: last}" in words
 
@@ -388,23 +404,23 @@ def test_points_that_the_log_took_before_they_were_measured_are_doubted_in_words
 def test_values_that_are_no_times_are_named_and_not_used(make, words):
     """Among them seconds since 1970, of which float32 leaves steps of 128 s."""
     layout, told, status = heard(*recorded("sick", times_as("f4", make))[1])
-    assert layout.time is None and status.ok and words in told["time"]
+    assert layout.point_time is None and status.ok and words in told["time"]
 
 
 def test_point_time_of_the_rig_is_obeyed():
     echoes, messages = recorded("ouster")
     asked = {"origin": "last"}
     layout, words, _ = heard(*messages, asked=asked)
-    assert layout.time.unit == "ns" and layout.time.origin == "last"
+    assert layout.point_time.unit == "ns" and layout.point_time.origin == "last"
     assert "(point_time)" in words["time"]
-    assert cloud_messages.points(messages[0], layout)[2].max() == 0
+    assert cloud_messages.read_points(messages[0], layout)[2].max() == 0
     asked = {"field": "ts", "unit": "s", "origin": "stamp"}
-    assert heard(*recorded("sick")[1], asked=asked)[0].time.field == "ts"
+    assert heard(*recorded("sick")[1], asked=asked)[0].point_time.field == "ts"
 
 
 def test_a_point_time_that_no_scan_takes_is_obeyed_and_doubted():
     words = heard(*recorded("velodyne")[1], asked={"unit": "ms"})
-    assert words[0].time.unit == "ms"
+    assert words[0].point_time.unit == "ms"
     words = heard(*recorded("ouster")[1], asked={"unit": "us"})[1]["time"]
     assert "doubtful: no scan takes that long; see point_time" in words
 
@@ -440,8 +456,8 @@ def test_rows_of_an_organised_cloud_are_its_beams_where_no_field_is(driver):
     echoes, messages = recorded(driver, ringless)
     layout, words, _ = heard(*messages)
     assert words["ring"] == "no ring, inferred: each row is one beam"
-    ring = cloud_messages.points(messages[0], layout)[1]
-    assert np.array_equal(np.bincount(ring), echoes[0].returned.sum(0))
+    ring = cloud_messages.read_points(messages[0], layout)[1]
+    assert np.array_equal(np.bincount(ring), echoes[0].has_return.sum(0))
 
 
 def test_beams_are_told_by_their_elevation_where_no_field_is():
@@ -455,24 +471,24 @@ def test_a_ring_that_is_never_filled_is_inferred():
         return message
 
     layout, words, _ = heard(*recorded("velodyne", unfilled)[1])
-    assert len(layout.ring.elevation_deg) == 16
+    assert len(layout.beams.elevation_deg) == 16
     assert words["ring"].startswith("ring (uint16) tells no beams apart, it has 1 values, inferred")
 
 
 def test_lines_that_sweep_up_and_down_are_no_rings_and_what_that_costs_is_said():
-    rosette = scan_patterns.PATTERNS["rosette"]
+    rosette = SCAN_PATTERNS["rosette"]
     messages = []
     for i in range(10):
-        firing, t = rosette.firing(np.radians(35), i), STAMP + i * PERIOD
-        distance = np.full(firing.beams.shape[:2], 5.0)
-        seen = cloud_formats.Echoes(5 * firing.beams, distance, distance, distance > 0,
-                              firing.after[:, None], t)  # fmt: skip
-        messages.append(ros_log.cloud(t, "lidar", "livox", seen))
+        firing, t = rosette.make_firing(np.radians(35), i), STAMP + i * PERIOD
+        distance = np.full(firing.beam_directions.shape[:2], 5.0)
+        seen = Echoes(5 * firing.beam_directions, distance, distance, distance > 0,
+                              firing.column_time_ns[:, None], t)  # fmt: skip
+        messages.append(make_cloud_message(t, "lidar", "livox", seen))
     layout, words, _ = heard(*messages)
-    assert layout.ring is None
+    assert layout.beams is None
     assert words["ring"].startswith("the 6 lines of line (uint8) sweep up and down, and the points")
     assert "a board's outline is not used, only its plane" in words["ring"]
-    assert (cloud_messages.points(messages[0], layout)[1] == -1).all()
+    assert (cloud_messages.read_points(messages[0], layout)[1] == -1).all()
 
 
 def test_a_scanner_of_one_line_is_called_so():
@@ -507,7 +523,7 @@ def test_points_of_foxglove_are_brought_into_the_frame_of_the_message():
 
     pose.position.x = np.nan
     with pytest.raises(MessageError, match="a cloud whose pose is no number"):
-        cloud_messages.read(given)
+        read_raw_cloud(given)
 
 
 # --- hostile input
@@ -530,7 +546,7 @@ def test_sizes_that_the_data_do_not_hold_are_refused_before_memory_is_taken(chan
     vars(message).update(change)
     tracemalloc.start()
     with pytest.raises(MessageError) as caught:
-        cloud_messages.read(message)
+        read_raw_cloud(message)
     taken = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert words in str(caught.value)
@@ -560,7 +576,7 @@ def test_any_header_gives_points_or_one_clean_error(sizes, data, fields, big):
         message.fields = [*named, *message.fields[:3]]
     layout = heard(cloud("velodyne, packed"))[0]
     try:
-        xyz, ring, dt = cloud_messages.points(message, layout)
+        xyz, ring, dt = cloud_messages.read_points(message, layout)
     except MessageError:
         return
     assert len(xyz) == len(ring) == len(dt) and np.isfinite(xyz).all()

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import yaml
 
-from calib.geometry import se3
-from calib.io import config, pose_block
+from calib.geometry.se3 import invert_pose, pose_from_rpy, pose_to_quat, rotation_angle
+from calib.io.config import load_config, validate_and_complete
+from calib.io.pose_block import pose_from_config, pose_json, pose_sigma_from_config
 from calib.io.status import InputError
-from calib.sensors import sensor_models
-from calib.sensors.lidar import lidar_model
-from calib.targets import target_shapes
+from calib.sensors.lidar.lidar_model import LidarModel
+from calib.sensors.sensor_models import camera_from_config
+from calib.targets.target_shapes import target_from_config
 
 CONFIG = yaml.safe_load("""
 sessions:
@@ -90,7 +91,7 @@ def edited(what, path, value):
 
 def complete(what, content):
     kind = what if what in ("config", "rig") else "target"
-    return config.complete(kind, copy.deepcopy(content), f"{what}.yaml")
+    return validate_and_complete(kind, copy.deepcopy(content), f"{what}.yaml")
 
 
 def refusal(what, content):
@@ -204,7 +205,7 @@ def test_the_lens_comes_from_params_or_from_camera_info_never_from_both():
     assert words in refusal("rig", both)
     for key in ("model", "size_px", "params"):
         del both["sensors"]["left"][key]
-    assert config.complete("rig", both, "rig.yaml")
+    assert validate_and_complete("rig", both, "rig.yaml")
 
 
 @pytest.mark.parametrize(
@@ -212,7 +213,7 @@ def test_the_lens_comes_from_params_or_from_camera_info_never_from_both():
     [
         ({"unit": "min"}, "point_time.unit: 'min' is not one of ['s', 'ms', 'us', 'ns']"),
         ({"origin": "end"}, "point_time.origin: 'end' is not one of ['stamp', 'clock', 'first'"),
-        ({"feild": "t"}, "point_time: unknown key feild; did you mean field?"),
+        ({"feild": "stamp_ns"}, "point_time: unknown key feild; did you mean field?"),
         ({}, "point_time: {} should be non-empty"),
     ],
 )
@@ -329,7 +330,7 @@ def test_a_pose_is_stated_in_one_way_only(pose):
 @pytest.mark.parametrize("content", [None, [1], "text", 3])
 def test_a_file_without_keys_is_refused(content):
     with pytest.raises(InputError, match="x.yaml: holds .*, expected keys and values"):
-        config.complete("rig", content, "x.yaml")
+        validate_and_complete("rig", content, "x.yaml")
 
 
 # --- names
@@ -380,7 +381,7 @@ def test_the_file_of_a_target_needs_a_good_name(folder, name, words):
 
 
 def load(folder, content=CONFIG):
-    return config.load(copy.deepcopy(content), str(folder))
+    return load_config(copy.deepcopy(content), str(folder))
 
 
 def test_a_session_gets_all_sensors_and_targets_unless_it_names_some(folder):
@@ -395,13 +396,13 @@ def test_a_session_gets_all_sensors_and_targets_unless_it_names_some(folder):
 
 def test_the_slices_of_a_loaded_rig_are_si_units(folder):
     _, rigs, _ = load(folder)
-    lidar = lidar_model.Lidar.from_config(rigs["husky"]["sensors"]["velodyne"])
+    lidar = LidarModel.from_config(rigs["husky"]["sensors"]["velodyne"])
     assert lidar.azimuth_step == pytest.approx(np.radians(0.2))
-    assert lidar.range_sigma == 0.01 and lidar.azimuth is None
-    sigma = pose_block.pose_sigma(rigs["husky"]["mocap"]["pose_sigma"])
+    assert lidar.range_sigma == 0.01 and lidar.azimuth_limits is None
+    sigma = pose_sigma_from_config(rigs["husky"]["mocap"]["pose_sigma"])
     assert sigma == pytest.approx([2e-4] * 3 + [np.radians(0.02)] * 3)
-    camera = sensor_models.camera(rigs["husky"]["sensors"]["left"])
-    assert camera.size == (1280, 960) and camera.params[:2] == (812, 810)
+    camera = camera_from_config(rigs["husky"]["sensors"]["left"])
+    assert camera.size_px == (1280, 960) and camera.params[:2] == (812, 810)
 
 
 @pytest.mark.parametrize(
@@ -465,25 +466,25 @@ def test_an_error_in_a_rig_or_target_names_its_file(folder):
 # --- poses and cameras of a config
 
 
-TURN = se3.from_rpy([0.21, 0, 0.62], np.radians([10, -20, 130]))
+TURN = pose_from_rpy([0.21, 0, 0.62], np.radians([10, -20, 130]))
 
 
 def test_the_three_ways_to_state_a_pose_say_the_same():
-    rpy = pose_block.pose({"xyz_m": [0.21, 0, 0.62], "rpy_deg": [10, -20, 130]})
-    quat = pose_block.pose({"xyz_m": [0.21, 0, 0.62], "quat_xyzw": se3.to_quat(TURN).tolist()})
-    matrix = pose_block.pose({"matrix": TURN.tolist()})
-    for T in (rpy, quat, matrix, pose_block.pose({"matrix": pose_block.pose_json(TURN)["matrix"]})):
+    rpy = pose_from_config({"xyz_m": [0.21, 0, 0.62], "rpy_deg": [10, -20, 130]})
+    quat = pose_from_config({"xyz_m": [0.21, 0, 0.62], "quat_xyzw": pose_to_quat(TURN).tolist()})
+    matrix = pose_from_config({"matrix": TURN.tolist()})
+    for T in (rpy, quat, matrix, pose_from_config({"matrix": pose_json(TURN)["matrix"]})):
         assert pytest.approx(TURN, abs=1e-15) == T
 
 
 def test_a_pose_rounded_to_two_decimals_becomes_the_nearest_rigid_motion():
     for config_ in (
         {"matrix": np.round(TURN, 2).tolist()},
-        {"xyz_m": [0.21, 0, 0.62], "quat_xyzw": np.round(se3.to_quat(TURN), 2).tolist()},
+        {"xyz_m": [0.21, 0, 0.62], "quat_xyzw": np.round(pose_to_quat(TURN), 2).tolist()},
     ):
-        T = pose_block.pose(config_)
+        T = pose_from_config(config_)
         assert T[:3, :3].T @ T[:3, :3] == pytest.approx(np.eye(3), abs=1e-14)
-        assert se3.angle(se3.inverse(TURN) @ T) < 0.02
+        assert rotation_angle(invert_pose(TURN) @ T) < 0.02
 
 
 @pytest.mark.parametrize(
@@ -503,13 +504,13 @@ def test_a_matrix_that_is_no_rigid_motion_is_refused_with_what_it_is_and_the_rem
     T = TURN.copy()
     T[:3, :3] = change(T)
     with np.errstate(invalid="ignore"), pytest.raises(InputError, match="is no rigid") as caught:
-        pose_block.pose({"matrix": T.tolist()})
+        pose_from_config({"matrix": T.tolist()})
     assert words in str(caught.value) and "give xyz_m with quat_xyzw" in str(caught.value)
 
 
 def test_a_matrix_written_by_columns_is_refused_with_its_last_row():
     with pytest.raises(InputError, match=r"last row is \[0\.21, 0\.0, 0\.62, 1\.0\]; write rows"):
-        pose_block.pose({"matrix": TURN.T.tolist()})
+        pose_from_config({"matrix": TURN.T.tolist()})
 
 
 @pytest.mark.parametrize(
@@ -517,7 +518,7 @@ def test_a_matrix_written_by_columns_is_refused_with_its_last_row():
 )
 def test_a_quaternion_that_is_not_unit_is_refused_with_its_norm_and_the_remedy(quat, norm):
     with pytest.raises(InputError) as caught:
-        pose_block.pose({"xyz_m": [0, 0, 0], "quat_xyzw": quat})
+        pose_from_config({"xyz_m": [0, 0, 0], "quat_xyzw": quat})
     assert str(caught.value) == f"quat_xyzw has norm {norm}, expected 1; write x, y, z, w"
 
 
@@ -526,17 +527,17 @@ def test_a_wrong_number_of_params_is_refused_in_words():
     with pytest.raises(
         InputError, match="params: 3 numbers, radtan takes fx fy cx cy k1 k2 p1 p2 k3"
     ):
-        sensor_models.camera(block)
+        camera_from_config(block)
 
 
 def test_a_colour_needs_all_its_ranges(folder):
     content = copy.deepcopy(CYLINDER)
     del content["color"]["value"]
     with pytest.raises(InputError, match="color: missing key value"):
-        config.complete("target", content, "cylinder.yaml")
+        validate_and_complete("target", content, "cylinder.yaml")
 
 
 def test_a_template_finer_than_memory_holds_is_refused_with_what_would_do(folder):
     block = copy.deepcopy(CYLINDER) | {"method": "points", "points": {"spacing_m": 1e-12}}
     with pytest.raises(InputError, match="too fine for a target of 0.8 m; expected 0.0004 m"):
-        target_shapes.from_config(config.complete("target", block, "cylinder.yaml"))
+        target_from_config(validate_and_complete("target", block, "cylinder.yaml"))

@@ -8,30 +8,33 @@ import numpy as np
 import pytest
 
 from calib.estimation.residuals.assignment import Noise
-from calib.estimation.residuals.residual_registry import KINDS
-from calib.geometry import se3
-from calib.sensors.camera.camera_model import Camera
-from calib.targets import target_shapes
-from calib.targets.patterns import edge_model, grid_growing, opencv_grids
-from calib.targets.patterns.image_region import Plane, Region, lattice
-from simulation.sensors import camera_exposure, render_image
-from simulation.world import room_scene
+from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
+from calib.geometry.se3 import make_pose, so3_exp, transform_points
+from calib.sensors.camera.camera_model import CameraModel
+from calib.targets.patterns.edge_model import fit_corner_edges
+from calib.targets.patterns.grid_growing import find_alternating_crossings, grow_and_trim_grid
+from calib.targets.patterns.image_region import GridPlane, ImageRegion, make_grid_cells
+from calib.targets.patterns.opencv_grids import find_grid_fast
+from calib.targets.target_shapes import target_from_config
+from simulation.sensors.camera_exposure import BGR_TO_GREY, blur_image
+from simulation.sensors.render_image import compute_ray_grid, render_image
+from simulation.world.room_scene import SIMULATED_TARGETS, build_scene, place_surfaces
 
 NOISE = 1.8
-BOARD = target_shapes.from_config(room_scene.TARGETS["board"] | {"thickness_m": 0.005})
+BOARD = target_from_config(SIMULATED_TARGETS["board"] | {"thickness_m": 0.005})
 PATTERN = BOARD.pattern
 SIZE = (330, 300)
 # The image's middle is 18° off the lens's axis where that distorts.
 CAMERAS = {
-    "pinhole": Camera("radtan", (802.3, 801.1, 166.2, 148.7, 0, 0, 0, 0), SIZE),
-    "radtan": Camera("radtan", (802.3, 801.1, -83.4, 28.7, -0.28, 0.09, 6e-4, -4e-4), SIZE),
-    "fisheye": Camera(
+    "pinhole": CameraModel("radtan", (802.3, 801.1, 166.2, 148.7, 0, 0, 0, 0), SIZE),
+    "radtan": CameraModel("radtan", (802.3, 801.1, -83.4, 28.7, -0.28, 0.09, 6e-4, -4e-4), SIZE),
+    "fisheye": CameraModel(
         "kannala_brandt", (420, 419, 30.2, 100.7, -0.013, 0.021, -0.014, 0.003), SIZE
     ),
 }
 DISTANCES = {"pinhole": 2.1, "radtan": 2.1, "fisheye": 2.4}
 LEANS_DEG = ([24, -18, 12], [-20, 25, 100], [5, 30, -140])
-EYE = se3.pose(np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]]), [-1.5, 0, 1.5])
+EYE = make_pose(np.array([[0, 0, 1.0], [-1, 0, 0], [0, -1, 0]]), [-1.5, 0, 1.5])
 
 
 def posed(camera, distance, lean_deg):
@@ -40,21 +43,21 @@ def posed(camera, distance, lean_deg):
     facing = np.stack([[1.0, 0, 0], np.cross(-middle, [1.0, 0, 0]), -middle], -1)
     R = np.linalg.qr(facing)[0]
     R = R * np.sign(np.sum(R * facing, axis=0))
-    return se3.pose(R @ se3.so3_exp(np.radians(lean_deg)), distance * middle)
+    return make_pose(R @ so3_exp(np.radians(lean_deg)), distance * middle)
 
 
 def exact(name, distance, lean_deg):
     """(grey image (h, w) without noise, pixels (n, 2) of the corners)."""
     camera = CAMERAS[name]
     T = posed(camera, distance, lean_deg)
-    surfaces = room_scene.poses({"board": EYE @ T})
-    image = render_image.render(VIEWS[name], room_scene.build(["board"]), surfaces, EYE)
-    uv, valid = camera.project(se3.transform(T, PATTERN.corners()))
-    assert valid.all() and camera.in_image(uv, 15).all()
-    return image @ camera_exposure.GREY, uv
+    surfaces = place_surfaces({"board": EYE @ T})
+    image = render_image(VIEWS[name], build_scene(["board"]), surfaces, EYE)
+    uv, valid = camera.project(transform_points(T, PATTERN.corners()))
+    assert valid.all() and camera.is_in_image(uv, 15).all()
+    return image @ BGR_TO_GREY, uv
 
 
-VIEWS = {name: render_image.view(camera) for name, camera in CAMERAS.items()}
+VIEWS = {name: compute_ray_grid(camera) for name, camera in CAMERAS.items()}
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +69,7 @@ def boards():
 def board(boards):
     """The first pinhole view, a little blurred."""
     image, uv = boards["pinhole"][0]
-    return camera_exposure.blurred(image, 0.7), uv
+    return blur_image(image, 0.7), uv
 
 
 def taken(image, rng, noise=NOISE):
@@ -83,7 +86,7 @@ def numbered(uv, truth):
 
 
 def located(image, name="pinhole"):
-    corners, status = PATTERN.locate(image, CAMERAS[name], np.zeros(2))
+    corners, status = PATTERN.locate_corners(image, CAMERAS[name], np.zeros(2))
     assert status.ok, str(status)
     return corners, status
 
@@ -98,11 +101,11 @@ def measured(boards):
     for name, blur in CASES:
         rng, errors, sizes = np.random.default_rng(3), [], []
         for image, truth in boards[name] * 3:
-            corners, status = located(taken(camera_exposure.blurred(image, blur), rng), name)
+            corners, status = located(taken(blur_image(image, blur), rng), name)
             assert status.reason == "" and len(corners.uv) == len(truth)
             error, _ = numbered(corners.uv, truth)
             errors.append(error)
-            a, b, c = corners.whiten.T
+            a, b, c = corners.whitening.T
             white = np.stack([a * error[:, 0] + b * error[:, 1], c * error[:, 1]], -1)
             sizes.append((white**2).sum(1) / corners.sigma**2)
         out[name, blur] = np.concatenate(errors), np.concatenate(sizes)
@@ -139,29 +142,27 @@ def test_the_error_is_as_large_as_its_covariance_says(measured, case):
 
 def test_a_corner_takes_at_most_3_ms(boards):
     image, truth = boards["pinhole"][1]
-    region = Region(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
-    cells = lattice(6, 5).reshape(-1, 2)
-    sides = grid_of(region, truth).sides(cells)
+    region = ImageRegion(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
+    cells = make_grid_cells(6, 5).reshape(-1, 2)
+    sides = grid_of(region, truth).cell_sides(cells)
     started = time.process_time()
     for _ in range(5):
-        fit = edge_model.refine(region, truth + 0.3, *sides)
-    assert fit.ok.all()
+        fit = fit_corner_edges(region, truth + 0.3, *sides)
+    assert fit.is_valid.all()
     assert (time.process_time() - started) / 5 / len(truth) < 3e-3
 
 
 def grid_of(region, uv):
-    return Plane.through(region, lattice(6, 5).reshape(-1, 2), uv)
+    return GridPlane.fit_cells(region, make_grid_cells(6, 5).reshape(-1, 2), uv)
 
 
 def test_corners_are_found_alike_from_seeds_a_pixel_off(board):
     image, truth = board
-    region = Region(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
-    sides = grid_of(region, truth).sides(lattice(6, 5).reshape(-1, 2))
+    region = ImageRegion(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
+    sides = grid_of(region, truth).cell_sides(make_grid_cells(6, 5).reshape(-1, 2))
     rng = np.random.default_rng(1)
-    fits = [
-        edge_model.refine(region, truth + rng.uniform(-1, 1, truth.shape), *sides) for _ in "ab"
-    ]
-    assert all(f.ok.all() for f in fits)
+    fits = [fit_corner_edges(region, truth + rng.uniform(-1, 1, truth.shape), *sides) for _ in "ab"]
+    assert all(f.is_valid.all() for f in fits)
     assert np.abs(fits[0].uv - fits[1].uv).max() < 0.01
 
 
@@ -170,13 +171,13 @@ def test_the_region_of_an_image_gives_the_pixels_of_the_image(board):
     grey = taken(image, np.random.default_rng(0))
     whole, _ = located(grey)
     cut = np.ascontiguousarray(grey[11:, 17:])
-    part, _ = PATTERN.locate(cut, CAMERAS["pinhole"], np.array([17, 11]))
+    part, _ = PATTERN.locate_corners(cut, CAMERAS["pinhole"], np.array([17, 11]))
     assert np.linalg.norm(whole.uv - part.uv, axis=1).max() < 2e-3
 
 
 def test_a_covariance_and_its_whitening_agree(board):
     corners, _ = located(taken(board[0], np.random.default_rng(0)))
-    a, b, c = corners.whiten.T
+    a, b, c = corners.whitening.T
     W = np.stack([np.stack([a, b], -1), np.stack([0 * a, c], -1)], 1)
     white = W @ corners.covariance @ np.swapaxes(W, 1, 2)
     expected = corners.sigma[:, None, None] ** 2 * np.eye(2)
@@ -211,7 +212,7 @@ def test_a_pole_across_the_whole_grid_leaves_both_its_parts(board):
     image, truth = board
     u = truth[14, 0]
     grey = taken(pole(image, u, 21), np.random.default_rng(2))
-    assert opencv_grids.quick(grey, 6, 5) is None
+    assert find_grid_fast(grey, 6, 5) is None
     corners, _ = located(grey)
     error, which = numbered(corners.uv, truth)
     assert np.abs(error).max() < 0.03
@@ -222,15 +223,15 @@ def test_places_in_a_partial_grid_are_those_in_the_whole_one(board):
     image, truth = board
     whole, _ = located(taken(image, np.random.default_rng(2)))
     part, _ = located(taken(pole(image, truth[14, 0], 7), np.random.default_rng(2)))
-    same = whole.uv[part.index] - part.uv
-    turned = whole.uv[29 - part.index] - part.uv
+    same = whole.uv[part.corner_index] - part.uv
+    turned = whole.uv[29 - part.corner_index] - part.uv
     assert min(np.abs(same).max(), np.abs(turned).max()) < 0.03
 
 
 def test_a_board_that_is_mostly_covered_is_refused_in_words(board):
     image, truth = board
     grey = taken(pole(image, truth[:, 0].mean(), 110), np.random.default_rng(2))
-    corners, status = PATTERN.locate(grey, CAMERAS["pinhole"], np.zeros(2))
+    corners, status = PATTERN.locate_corners(grey, CAMERAS["pinhole"], np.zeros(2))
     assert corners is None and not status.ok
     assert status.expected == "6 × 5 inner corners" and status.found
 
@@ -239,14 +240,16 @@ def test_the_labelling_of_a_partial_grid_finds_every_corner(board):
     image, truth = board
     corners, _ = located(taken(pole(image, truth[14, 0], 7), np.random.default_rng(2)))
     n = len(corners.uv)
-    keypoints = {"view": np.zeros(n, int), "index": corners.index, "uv": corners.uv}
-    keypoints |= {"sigma": corners.sigma, "whiten": corners.whiten}
+    keypoints = {"view": np.zeros(n, int), "feature_index": corners.corner_index, "uv": corners.uv}
+    keypoints |= {"sigma": corners.sigma, "whitening": corners.whitening}
     T = posed(CAMERAS["pinhole"], 2.1, LEANS_DEG[0])
     options, noise = {"gate_sigma": 6.0}, Noise(1.0, 0.0)
-    found = KINDS["corner"].assign(CAMERAS["pinhole"], BOARD, T, keypoints, options, noise)
+    found = RESIDUAL_KINDS["pattern_corner"].assign(
+        CAMERAS["pinhole"], BOARD, T, keypoints, options, noise
+    )
     _, which = numbered(corners.uv, truth)
     assert np.array_equal(found.feature, which)
-    assert found.standard.std() == pytest.approx(1, rel=0.3)
+    assert found.standardized.std() == pytest.approx(1, rel=0.3)
 
 
 # --- grids that are not what they seem
@@ -259,40 +262,40 @@ def seeds(truth):
 @pytest.mark.parametrize("columns, rows", [(1, 0), (-1, 0), (0, 1), (0, -1), (1, -1)])
 def test_a_grid_shifted_by_a_square_is_put_right(board, columns, rows):
     image, truth = board
-    region = Region(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
-    shifted = grid_of(region, truth).pixels(lattice(6, 5) + [columns, rows])
-    uv, _ = grid_growing.settle(region, shifted, edge_model.refine)
+    region = ImageRegion(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
+    shifted = grid_of(region, truth).project_cells(make_grid_cells(6, 5) + [columns, rows])
+    uv, _ = grow_and_trim_grid(region, shifted, fit_corner_edges)
     assert uv.shape == (5, 6, 2)
     assert np.abs(uv - seeds(truth)).max() < 0.1
 
 
 def test_a_part_of_a_grid_grows_to_all_of_it(board):
     image, truth = board
-    region = Region(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
-    uv, _ = grid_growing.settle(region, seeds(truth)[1:4, 2:5], edge_model.refine)
+    region = ImageRegion(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
+    uv, _ = grow_and_trim_grid(region, seeds(truth)[1:4, 2:5], fit_corner_edges)
     assert np.abs(uv - seeds(truth)).max() < 0.1
 
 
 def test_the_border_of_the_pattern_is_no_further_row_of_crossings(board):
     image, truth = board
-    region = Region(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
-    crossing, sign = grid_growing.crossings(grid_of(region, truth), lattice(6, 5, 2))
+    region = ImageRegion(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
+    crossing, sign = find_alternating_crossings(grid_of(region, truth), make_grid_cells(6, 5, 2))
     assert crossing[2:-2, 2:-2].all() and crossing.sum() == 30
     assert sign == -1  # ahead of the first corner lies the second square of a diagonal: black
 
 
 def test_a_grid_between_the_corners_is_none(board):
     image, truth = board
-    region = Region(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
-    between = grid_of(region, truth).pixels(lattice(6, 5) + 0.5)
-    assert grid_growing.settle(region, between, edge_model.refine) is None
+    region = ImageRegion(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
+    between = grid_of(region, truth).project_cells(make_grid_cells(6, 5) + 0.5)
+    assert grow_and_trim_grid(region, between, fit_corner_edges) is None
 
 
 def test_seeds_on_no_plane_are_no_grid(board):
     image, truth = board
-    region = Region(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
+    region = ImageRegion(taken(image, np.random.default_rng(0)), CAMERAS["pinhole"], np.zeros(2))
     bent = seeds(truth) + np.random.default_rng(0).uniform(-15, 15, (5, 6, 2))
-    assert grid_growing.settle(region, bent, edge_model.refine) is None
+    assert grow_and_trim_grid(region, bent, fit_corner_edges) is None
 
 
 def floor_of(tiles, size, turn_deg):
@@ -300,7 +303,7 @@ def floor_of(tiles, size, turn_deg):
     flat = (40 + 160 * tiles.repeat(size, 0).repeat(size, 1)).astype(np.float32)
     turn = cv2.getRotationMatrix2D((len(flat) / 2, len(flat) / 2), turn_deg, 1)
     turn[:, 2] += np.array(SIZE) / 2 - len(flat) / 2
-    return camera_exposure.blurred(cv2.warpAffine(flat, turn, SIZE, flags=cv2.INTER_CUBIC), 0.7)
+    return blur_image(cv2.warpAffine(flat, turn, SIZE, flags=cv2.INTER_CUBIC), 0.7)
 
 
 @pytest.mark.parametrize("kind", ["by turns", "at random"])
@@ -309,15 +312,15 @@ def test_a_tiled_floor_is_no_board(kind):
     tiles = np.add.outer(np.arange(24), np.arange(24)) % 2
     tiles = tiles if kind == "by turns" else rng.integers(0, 2, tiles.shape)
     grey = taken(floor_of(tiles, 24, 17), rng)
-    corners, status = PATTERN.locate(grey, CAMERAS["pinhole"], np.zeros(2))
+    corners, status = PATTERN.locate_corners(grey, CAMERAS["pinhole"], np.zeros(2))
     assert corners is None and not status.ok
 
 
 def test_where_no_edges_cross_no_corner_is_refined():
-    flat = Region(np.full(SIZE[::-1], 99, np.uint8), CAMERAS["pinhole"], np.zeros(2))
+    flat = ImageRegion(np.full(SIZE[::-1], 99, np.uint8), CAMERAS["pinhole"], np.zeros(2))
     at = np.array([[100.2, 90.4], [5.0, 5.0], [np.nan, 7.0]])
     sides = np.tile([[20.0, 1]], (3, 1)), np.tile([[-1.0, 20]], (3, 1))
-    assert not edge_model.refine(flat, at, *sides).ok.any()
+    assert not fit_corner_edges(flat, at, *sides).is_valid.any()
 
 
 # --- boards that are hard to see
@@ -325,10 +328,10 @@ def test_where_no_edges_cross_no_corner_is_refined():
 
 def without_border(image, truth):
     """The image, all beyond the squares of the pattern as dark as they are."""
-    region = Region(image.astype(np.uint8), CAMERAS["pinhole"], np.zeros(2))
+    region = ImageRegion(image.astype(np.uint8), CAMERAS["pinhole"], np.zeros(2))
     ends = np.array([[-1, -1], [6, -1], [6, 5], [-1, 5]])
     inside = np.zeros(image.shape, np.uint8)
-    cv2.fillPoly(inside, [np.rint(grid_of(region, truth).pixels(ends)).astype(np.int32)], 1)
+    cv2.fillPoly(inside, [np.rint(grid_of(region, truth).project_cells(ends)).astype(np.int32)], 1)
     return np.where(inside, image, 40.0)
 
 
@@ -359,7 +362,7 @@ def test_uneven_light_does_not_pull_the_corners(board):
 def test_a_steep_board_is_found(lean_deg):
     """Squares of 31 by 8 px, or rhombs as flat: what is looked at follows the grid."""
     image, truth = exact("pinhole", 2.1, lean_deg)
-    corners, _ = located(taken(camera_exposure.blurred(image, 0.7), np.random.default_rng(5)))
+    corners, _ = located(taken(blur_image(image, 0.7), np.random.default_rng(5)))
     error, _ = numbered(corners.uv, truth)
     assert len(error) >= 28 and np.abs(error).max() < 0.05
 
@@ -369,8 +372,8 @@ def test_a_steep_board_is_found(lean_deg):
 
 def sharpened(image):
     """The image with each edge's halo as a camera makes it, more on its left than on its right."""
-    soft = camera_exposure.blurred(image, 1.2)
-    halo = image - np.roll(camera_exposure.blurred(image, 2.0), -1, axis=1)
+    soft = blur_image(image, 1.2)
+    halo = image - np.roll(blur_image(image, 2.0), -1, axis=1)
     return soft + 0.9 * halo
 
 

@@ -7,15 +7,25 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import containers
-from benchmarking.fuzzing.byte_damage import DAMAGES
-from benchmarking.fuzzing.run_cases import at_most
-from calib.decoding import sensor_probe
-from calib.io.logs import open_log
+from benchmarking.fuzzing.byte_damage import BYTE_DAMAGES
+from benchmarking.fuzzing.run_cases import limit_time
+from calib.decoding.sensor_probe import LidarProbe
+from calib.io.logs.open_log import open_log
 from calib.io.status import InputError, MessageError
-from calib.sensors.camera.images import image_messages
-from calib.sensors.lidar.clouds import cloud_messages
-from simulation import ros_log
+from calib.sensors.camera.images.image_messages import read_bgr
+from calib.sensors.lidar.clouds.cloud_messages import read_raw_cloud
+from containers import (
+    CONTAINER_START_NS,
+    container_decode_options,
+    make_container_rows,
+    make_ros2_message,
+    make_small_cloud,
+    make_small_image,
+    serialize_cdr,
+    write_in_container,
+    write_test_mcap,
+)
+from simulation.ros_log import IMAGE_TYPE
 from test_intake import taken
 
 KIND = "TFMessage"
@@ -33,7 +43,7 @@ def whole(tmp_path_factory):
     out = {}
     for container in DAMAGED:
         folder = tmp_path_factory.mktemp("log")
-        log = containers.write(container, folder, containers.recording(KIND))
+        log = write_in_container(container, folder, make_container_rows(KIND))
         path = Path(log)
         if path.is_dir():
             (path,) = (p for p in path.iterdir() if p.name != "metadata.yaml")
@@ -45,18 +55,18 @@ def outcome(log):
     """Number of poses and frames that decode takes from a log, and what it says of its faults; or
     the line in which it refuses. What is found can be read again, or not, in a line."""
     try:
-        poses, frames, audit = taken(log, containers.options(KIND))
+        poses, frames, audit = taken(log, container_decode_options(KIND))
     except InputError as error:
         return str(error)
-    again = open_log.open_log(log)
-    for row in range(0, len(frames["t"]), 5):
-        place = [int(frames[k][row]) for k in ("file", "log_t", "ordinal")]
+    again = open_log(log)
+    for row in range(0, len(frames["stamp_ns"]), 5):
+        place = [int(frames[k][row]) for k in ("file_index", "log_time_ns", "index_at_log_time")]
         topic = {"camera": "/image", "lidar": "/points"}[str(frames["sensor"][row])]
         try:
             again.message(topic, *place)
         except InputError as error:
             assert "\n" not in str(error)
-    return len(poses["t"]), len(frames["t"]), audit["faults"]
+    return len(poses["stamp_ns"]), len(frames["stamp_ns"]), audit["faults"]
 
 
 @pytest.mark.parametrize("container", DAMAGED)
@@ -66,9 +76,9 @@ def test_a_damaged_log_gives_what_is_left_of_it_or_one_clear_line(whole, contain
     read = 0
     try:
         for case in range(CASES):
-            damage = DAMAGES[case % len(DAMAGES)]
+            damage = BYTE_DAMAGES[case % len(BYTE_DAMAGES)]
             path.write_bytes(damage(bytearray(content), rng))
-            with at_most(SECONDS):
+            with limit_time(SECONDS):
                 found = outcome(log)
             if isinstance(found, str):
                 assert "\n" not in found and path.name.split(".")[0] in found
@@ -101,17 +111,17 @@ def test_what_a_cut_mcap_still_holds_grows_with_every_byte(whole, container):
 
 def test_a_message_whose_payload_is_cut_is_a_fault_of_its_own(tmp_path):
     """Its header tells of a frame, so that crop will ask for it; the others must not suffer."""
-    rows = containers.recording(KIND)
+    rows = make_container_rows(KIND)
     third = [m for _, topic, _, m in rows if topic == "/image"][2]
 
     def serialise(name, message):
-        return containers.cdr(name, message)[: -10 if message is third else None]
+        return serialize_cdr(name, message)[: -10 if message is third else None]
 
-    log = str(containers.mcap(tmp_path / "a.mcap", rows, serialise))
-    _, frames, _ = taken(log, containers.options(KIND))
-    again, read = open_log.open_log(log), 0
+    log = str(write_test_mcap(tmp_path / "a.mcap", rows, serialise))
+    _, frames, _ = taken(log, container_decode_options(KIND))
+    again, read = open_log(log), 0
     for row in np.flatnonzero(frames["sensor"] == "camera"):
-        place = [int(frames[k][row]) for k in ("file", "log_t", "ordinal")]
+        place = [int(frames[k][row]) for k in ("file_index", "log_time_ns", "index_at_log_time")]
         try:
             read += again.message("/image", *place).height == 2
         except MessageError as error:
@@ -120,29 +130,29 @@ def test_a_message_whose_payload_is_cut_is_a_fault_of_its_own(tmp_path):
 
 
 def test_a_cloud_with_other_fields_hides_nothing_of_the_rest():
-    heard = sensor_probe.Lidar({})
+    heard = LidarProbe({})
     for i in range(5):
-        cloud = containers.cloud(containers.BEGIN + i * 10**8)
+        cloud = make_small_cloud(CONTAINER_START_NS + i * 10**8)
         if i == 0:
-            field = containers.make("sensor_msgs/msg/PointField", name="ring", offset=4,
+            field = make_ros2_message("sensor_msgs/msg/PointField", name="ring", offset=4,
                                     datatype=4, count=1)  # fmt: skip
             cloud.fields.append(field)
-        heard.take(SimpleNamespace(content=cloud, log_t=containers.BEGIN + i * 10**8))
+        heard.take(SimpleNamespace(content=cloud, log_t=CONTAINER_START_NS + i * 10**8))
     told, status = heard.told(10**8, {})
     assert status.ok and "no ring" in told["told"]["ring"]
 
 
 def test_a_message_that_is_not_defined_as_ros_does_it_is_a_fault_of_its_own():
     for module, kind in (
-        (cloud_messages.read, "sensor_msgs/msg/LaserScan"),
-        (image_messages.bgr, ros_log.IMAGE),
+        (read_raw_cloud, "sensor_msgs/msg/LaserScan"),
+        (read_bgr, IMAGE_TYPE),
     ):
         with pytest.raises(MessageError, match=f"{kind} is not defined as ROS does it"):
             module(SimpleNamespace(__msgtype__=kind))
 
 
 def test_a_row_that_claims_gigabytes_takes_no_memory():
-    image = containers.image(containers.BEGIN)
+    image = make_small_image(CONTAINER_START_NS)
     image.height, image.step = 1, 2**31
-    with at_most(2):
-        assert image_messages.bgr(image).shape == (1, 4, 3)
+    with limit_time(2):
+        assert read_bgr(image).shape == (1, 4, 3)

@@ -6,12 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import runs
-import simulate
-from calib.decoding import decoded_log, sensor_audit
-from calib.io import parquet_tables, table_schemas
-from calib.sensors import lens_from_log
-from simulation import config_and_truth, record_session, ros_log
+from calib.decoding.decoded_log import DecodedLog, build_frame_columns, infer_stream_clocks
+from calib.decoding.sensor_audit import audit_sensor
+from calib.io.parquet_tables import read_table
+from calib.io.table_schemas import CAMERA_VIEWS_SCHEMA, LIDAR_VIEWS_SCHEMA
+from calib.sensors.lens_from_log import reject_lens_mismatches, with_lens_from_log
+from runs import SMALL_ARGUMENTS, run_to_completion, simulate_into
+from simulate import draw_sessions, parse_simulation_arguments
+from simulation.config_and_truth import write_simulated_config, write_truth
+from simulation.record_session import generate_messages
+from simulation.ros_log import CLOUD_TYPE, IMAGE_TYPE, write_simulated_mcap
 
 RESULTS = "results/sim"
 
@@ -38,8 +42,8 @@ def offset(folder, sensor):
 
 
 def calibrated(folder, arguments):
-    runs.simulated(folder, f"{runs.SMALL} {arguments}")
-    runs.completed(folder, f"{RESULTS}/calibration.json")
+    simulate_into(folder, f"{SMALL_ARGUMENTS} {arguments}")
+    run_to_completion(folder, f"{RESULTS}/calibration.json")
     return folder
 
 
@@ -64,8 +68,8 @@ def test_clouds_without_time_and_ring_give_the_pose_but_no_clock(tmp_path):
     assert found["camera"][0] < 1e-5
     assert told["layout"]["time"] is None and len(told["layout"]["ring"]["elevation_deg"]) == 16
     assert "cannot be told from the motion capture's" in told["told"]["time"]
-    views, _, _ = parquet_tables.read(
-        tmp_path / RESULTS / "sim/velodyne/motion.parquet", table_schemas.VIEWS_LIDAR
+    views, _, _ = read_table(
+        tmp_path / RESULTS / "sim/velodyne/moving_views.parquet", LIDAR_VIEWS_SCHEMA
     )
     assert len(views["view"]) == 0
     assert offset(tmp_path, "velodyne") is None
@@ -86,28 +90,26 @@ def damaged(messages):
     seen = {}
     for t, topic, kind, message in messages:
         seen[kind] = seen.get(kind, 0) + 1
-        if kind in (ros_log.CLOUD, ros_log.IMAGE) and seen[kind] % 4 == 0:
+        if kind in (CLOUD_TYPE, IMAGE_TYPE) and seen[kind] % 4 == 0:
             message.width *= 1000
         yield t, topic, kind, message
 
 
 def test_damaged_messages_are_counted_by_their_reason_and_the_others_serve(tmp_path):
-    args = simulate.parse([str(tmp_path), *runs.SMALL.split()])
-    sessions, guesses = simulate.draw(args)
-    config_and_truth.write_config(tmp_path / "config", args.rig, sessions, guesses)
-    config_and_truth.write_truth(tmp_path / "truth.json", sessions, guesses)
+    args = parse_simulation_arguments([str(tmp_path), *SMALL_ARGUMENTS.split()])
+    sessions, guesses = draw_sessions(args)
+    write_simulated_config(tmp_path / "config", args.rig, sessions, guesses)
+    write_truth(tmp_path / "truth.json", sessions, guesses)
     (tmp_path / "logs").mkdir()
-    ros_log.write(tmp_path / "logs/sim.mcap", damaged(record_session.messages(sessions[0])))
-    runs.completed(tmp_path, f"{RESULTS}/calibration.json")
+    write_simulated_mcap(tmp_path / "logs/sim.mcap", damaged(generate_messages(sessions[0])))
+    run_to_completion(tmp_path, f"{RESULTS}/calibration.json")
     found = errors(tmp_path)
     assert found["velodyne"][0] < 1e-7 and found["camera"][0] < 1e-5
     for sensor, schema in (
-        ("velodyne", table_schemas.VIEWS_LIDAR),
-        ("camera", table_schemas.VIEWS_CAMERA),
+        ("velodyne", LIDAR_VIEWS_SCHEMA),
+        ("camera", CAMERA_VIEWS_SCHEMA),
     ):
-        views, _, _ = parquet_tables.read(
-            tmp_path / RESULTS / f"sim/{sensor}/views.parquet", schema
-        )
+        views, _, _ = read_table(tmp_path / RESULTS / f"sim/{sensor}/views.parquet", schema)
         reasons = [r for r in np.asarray(views["reason"], str) if r.startswith("cannot be read: ")]
         assert reasons and all("the message is damaged" in r for r in reasons)
         assert not np.asarray(views["kept"])[np.asarray(views["reason"], str) != ""].any()
@@ -119,9 +121,9 @@ def test_damaged_messages_are_counted_by_their_reason_and_the_others_serve(tmp_p
 def status(kind, message_type):
     """Of the audit of a sensor whose topic carries that type."""
     sensor = {"kind": kind, "topic": "/it"}
-    recording = decoded_log.Recording(options(sensor))
-    topics, columns = {"/it": (message_type, 5)}, {"t": [], "sensor": []}
-    return sensor_audit.sensor_audit("it", recording, topics, columns, {})["status"]
+    recording = DecodedLog(options(sensor))
+    topics, columns = {"/it": (message_type, 5)}, {"stamp_ns": [], "sensor": []}
+    return audit_sensor("it", recording, topics, columns, {})["status"]
 
 
 def options(sensor):
@@ -180,17 +182,17 @@ def test_a_sensor_whose_every_message_is_damaged_fails_in_words():
     stamp = SimpleNamespace(sec=1, nanosec=0)
     header = SimpleNamespace(stamp=stamp, frame_id="it")
     message = SimpleNamespace(
-        __msgtype__=ros_log.CLOUD, header=header, fields=[],
+        __msgtype__=CLOUD_TYPE, header=header, fields=[],
         height=1, width=1, point_step=12, row_step=12, is_bigendian=False, data=np.zeros(12, "u1"),
     )  # fmt: skip
-    recording = decoded_log.Recording(options({"kind": "lidar", "topic": "/it"}))
+    recording = DecodedLog(options({"kind": "lidar", "topic": "/it"}))
     for i in range(3):
-        place = {"log_t": i, "data": b"", "file": 0, "ordinal": 0}
+        place = {"log_time_ns": i, "data": b"", "file_index": 0, "index_at_log_time": 0}
         told = {"content": message, "header": header}
-        recording.take(SimpleNamespace(topic="/it", type=ros_log.CLOUD, **told, **place))
-    columns = decoded_log.frame_columns(recording.frames, decoded_log.clocks(recording))
-    topics = {"/it": (ros_log.CLOUD, 3)}
-    found = sensor_audit.sensor_audit("it", recording, topics, columns, {})["status"]
+        recording.add_message(SimpleNamespace(topic="/it", type=CLOUD_TYPE, **told, **place))
+    columns = build_frame_columns(recording.frame_rows, infer_stream_clocks(recording))
+    topics = {"/it": (CLOUD_TYPE, 3)}
+    found = audit_sensor("it", recording, topics, columns, {})["status"]
     assert found["reason"] == "clouds that cannot be read"
     assert found["found"] == "a cloud without x, y, z: its fields are "
     assert found["expected"] == "1 of the first 3 or more"
@@ -211,7 +213,9 @@ def session(*cameras):
 
 
 def test_a_camera_with_another_lens_in_another_session_fails_and_leaves_the_lidar():
-    found = lens_from_log.agreed({"one": session(LENS), "two": session(OTHER), "three": session()})
+    found = reject_lens_mismatches(
+        {"one": session(LENS), "two": session(OTHER), "three": session()}
+    )
     for name in ("one", "two"):
         pairs, notes = found[name]
         assert pairs["sensor"].tolist() == ["lidar"] and notes["lidar"]["status"]["ok"]
@@ -223,8 +227,8 @@ def test_a_camera_with_another_lens_in_another_session_fails_and_leaves_the_lida
 
 def test_one_lens_in_all_sessions_is_that_of_the_camera():
     given = {"one": session(LENS), "two": session(LENS), "three": session()}
-    assert lens_from_log.agreed(given) == given
+    assert reject_lens_mismatches(given) == given
     guesses = [("left", {"camera": None}), ("left", {"camera": LENS}), ("lidar", {"camera": None})]
     blocks = {"left": {"kind": "camera", "topic": "/it"}, "lidar": {"kind": "lidar"}}
-    found = lens_from_log.told(blocks, guesses)
+    found = with_lens_from_log(blocks, guesses)
     assert found["left"]["params"] == LENS["params"] and found["lidar"] == {"kind": "lidar"}

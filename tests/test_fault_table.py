@@ -7,9 +7,10 @@ import yaml
 
 import fault_table
 import runs
-import wrecks
 from calib.io.status import InputError
+from fault_table import CLEAN_NAME, escape_table_cell, format_fault_row, measure_all_faults
 from test_intake import taken
+from wrecks import FAULT_CASES, list_audit_messages, write_fault_run
 
 DOC = (runs.ROOT / "docs/faults.md").read_text()
 LINES = [line for line in DOC.splitlines() if line.startswith("| `")]
@@ -27,22 +28,22 @@ LATER = {
 
 
 def test_the_table_has_every_fixture_in_its_order_and_thirty_or_more():
-    assert list(ROWS) == list(wrecks.FAULTS) and len(ROWS) >= 30
-    for name, fault in wrecks.FAULTS.items():
-        assert ROWS[name][WHAT].startswith(fault.what)
-        assert fault_table.escaped(fault.says) in ROWS[name][SAID]
+    assert list(ROWS) == list(FAULT_CASES) and len(ROWS) >= 30
+    for name, fault in FAULT_CASES.items():
+        assert ROWS[name][WHAT].startswith(fault.description)
+        assert escape_table_cell(fault.expected_text) in ROWS[name][SAID]
 
 
 @pytest.mark.parametrize("name", ROWS)
 def test_what_a_fault_comes_to_follows_from_its_figures(name):
     *_, lidar, camera, comes_to = ROWS[name]
     ratios = [float(c.rsplit("(", 1)[1].strip(")")) for c in (lidar, camera) if c != "none"]
-    worse = any(r > fault_table.MOST for r in ratios)
+    worse = any(r > fault_table.MAX_ERROR_RATIO for r in ratios)
     assert worse == ("worse" in comes_to)
     assert ("none" in (lidar, camera)) == comes_to.startswith(("fails: ", "stopped, named"))
     # Whatever is worse and passes, or fails, says why in the table.
     if comes_to != "as clean":
-        assert ROWS[name][SAID] != "–" or wrecks.FAULTS[name].note
+        assert ROWS[name][SAID] != "–" or FAULT_CASES[name].note
 
 
 def decode_options(folder):
@@ -64,17 +65,17 @@ def decode_options(folder):
 
 @pytest.mark.parametrize("name", [n for n in ROWS if n not in LATER])
 def test_decode_says_of_a_fault_what_the_table_says(tmp_path, name):
-    fault = wrecks.FAULTS[name]
-    log, options = decode_options(wrecks.write(tmp_path, fault))
+    fault = FAULT_CASES[name]
+    log, options = decode_options(write_fault_run(tmp_path, fault))
     try:
-        said = wrecks.heard(taken(log, options)[2])
+        said = list_audit_messages(taken(log, options)[2])
     except InputError as error:
         said = [str(error).replace(f"{tmp_path}/", "")]
     expected = ROWS[name][SAID]
-    assert expected == "–" or any(expected in fault_table.escaped(s) for s in said)
+    assert expected == "–" or any(expected in escape_table_cell(s) for s in said)
 
 
 def test_a_fault_taken_through_the_pipeline_gives_the_row_of_the_table(tmp_path):
-    found = fault_table.measured(tmp_path, ["topic_wrong"])
-    made = fault_table.row("topic_wrong", found["topic_wrong"], found[fault_table.CLEAN])
+    found = measure_all_faults(tmp_path, ["topic_wrong"])
+    made = format_fault_row("topic_wrong", found["topic_wrong"], found[CLEAN_NAME])
     assert made in LINES

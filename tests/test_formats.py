@@ -18,26 +18,38 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-import runs
-from calib.export import export_readme
-from calib.export.calibrated_scene import Session, scene
-from calib.export.formats import format_registry, foxglove, tf_static
-from calib.geometry import se3
-from calib.io import parquet_tables, pose_block, stage_cli, table_schemas, urdf_file
+from calib.export.calibrated_scene import ExportSession, build_export_scene
+from calib.export.export_readme import README_FILE_NAME, render_export_readme
+from calib.export.formats import foxglove, tf_static
+from calib.export.formats.format_registry import FORMATS
+from calib.export.formats.foxglove import UNCOLORED_BGR, FoxgloveView, color_lidar_returns
+from calib.geometry.se3 import invert_pose, make_pose, pose_from_rpy, se3_log, transform_points
+from calib.io.parquet_tables import read_table
+from calib.io.pose_block import pose_from_config, pose_json
+from calib.io.stage_cli import read_json
 from calib.io.status import Status
-from calib.sensors import sensor_models
-from calib.sensors.camera.images import image_messages
+from calib.io.table_schemas import FRAMES_SCHEMA
+from calib.io.urdf_file import origin_attributes
+from calib.sensors.camera.images.image_messages import encode_png
+from calib.sensors.sensor_models import camera_from_config
+from runs import (
+    SMALL_ARGUMENTS,
+    list_job_commands,
+    run_to_completion,
+    simulate_into,
+    simulated_rig_path,
+)
 from simulation import simulated_rigs
 
 POINT = np.array([0.3, -1.2, 2.5])
 BODY = "mocap/robot"
 POSES = {
-    "front": se3.from_rpy([0.3, 0.02, 0.61], [0.01, -0.03, 0.4]),
+    "front": pose_from_rpy([0.3, 0.02, 0.61], [0.01, -0.03, 0.4]),
     # Where yaw and roll turn about one axis.
-    "down": se3.from_rpy([0.1, 0.5, 0.4], [0.3, np.pi / 2 - 1e-8, -0.7]),
-    "left": se3.from_rpy([0.05, 0.2, 0.59], [-1.6, 0.01, 0.02]),
-    "right": se3.from_rpy([-0.06, -0.21, 0.6], [-1.5, 0.05, 3.1]),
-    "fish": se3.from_rpy([0.2, 0.0, 0.5], [np.pi / 2, -3.0, 1.0]),
+    "down": pose_from_rpy([0.1, 0.5, 0.4], [0.3, np.pi / 2 - 1e-8, -0.7]),
+    "left": pose_from_rpy([0.05, 0.2, 0.59], [-1.6, 0.01, 0.02]),
+    "right": pose_from_rpy([-0.06, -0.21, 0.6], [-1.5, 0.05, 3.1]),
+    "fish": pose_from_rpy([0.2, 0.0, 0.5], [np.pi / 2, -3.0, 1.0]),
 }
 FRAMES = {
     "front": "velodyne",
@@ -48,8 +60,8 @@ FRAMES = {
 }
 MODELS = {
     "left": ("radtan", (802.3, 801.1, 452.6, 347.9, -0.21, 0.07, 4e-4, -3e-4, 0.0)),
-    "right": ("kannala_brandt", simulated_rigs.PARAMS["kannala_brandt"]),
-    "fish": ("double_sphere", simulated_rigs.PARAMS["double_sphere"]),
+    "right": ("kannala_brandt", simulated_rigs.LENS_PARAMS["kannala_brandt"]),
+    "fish": ("double_sphere", simulated_rigs.LENS_PARAMS["double_sphere"]),
 }
 SIZE = (900, 700)
 PARENT = {
@@ -74,7 +86,7 @@ def described(parent=PARENT, frames=FRAMES, sessions=None, **export):
             "kind": sensor_of(n)["kind"],
             "frame": frames[n],
             "status": Status().to_dict(),
-            "T_robot_sensor": pose_block.pose_json(T),
+            "T_robot_sensor": pose_json(T),
             "intrinsics": None,
         }
         for n, T in POSES.items()
@@ -92,22 +104,22 @@ def described(parent=PARENT, frames=FRAMES, sessions=None, **export):
         "body": BODY,
         "sensors": {n: sensor_of(n) for n in POSES} | {"rear": {"kind": "lidar", "topic": "/rear"}},
     }
-    return calibration, scene(calibration, options, sessions)
+    return calibration, build_export_scene(calibration, options, sessions)
 
 
 def T_parent_sensor(calibration, name, parent=PARENT):
     """What a file must say, by calibration.json and the config alone."""
     T = np.array(calibration["sensors"][name]["T_robot_sensor"]["matrix"])
-    return pose_block.pose(parent["T_parent_robot"]) @ T
+    return pose_from_config(parent["T_parent_robot"]) @ T
 
 
 def same(found, expected):
     """The same SE(3) to 1e-9 m and rad; and a point goes where it should, not back."""
     found, expected = np.asarray(found, float), np.asarray(expected)
-    assert np.abs(se3.se3_log(se3.inverse(expected) @ found)).max() < 1e-9
+    assert np.abs(se3_log(invert_pose(expected) @ found)).max() < 1e-9
     there = found[:3, :3] @ POINT + found[:3, 3]
-    assert there == pytest.approx(se3.transform(expected, POINT), abs=1e-9)
-    assert np.linalg.norm(there - se3.transform(se3.inverse(expected), POINT)) > 0.1
+    assert there == pytest.approx(transform_points(expected, POINT), abs=1e-9)
+    assert np.linalg.norm(there - transform_points(invert_pose(expected), POINT)) > 0.1
 
 
 def matrix(xyz, quat=None, rpy=None):
@@ -217,7 +229,7 @@ def read_opencv(calibration, files):
 def project(name, function):
     """That a reader's projection puts points of a camera's frame into the pixels of ours."""
     points = np.array([[0.1, 0.2, 1.0], [-0.3, 0.1, 1.2], [0.0, 0.0, 1.0], [0.4, -0.3, 0.9]])
-    uv, _ = sensor_models.camera(sensor_of(name)).project(points)
+    uv, _ = camera_from_config(sensor_of(name)).project(points)
     assert np.reshape(function(points), (-1, 2)) == pytest.approx(uv, abs=1e-6)
 
 
@@ -276,10 +288,10 @@ def read_mrcal(calibration, files):
 def test_mrcal_itself_reads_its_cameras(tmp_path):
     mrcal = pytest.importorskip("mrcal", reason="mrcal is not installed here")
     calibration, shown = described()
-    files = format_registry.FORMATS["mrcal"].render(shown)
+    files = FORMATS["mrcal"].render_files(shown)
     (tmp_path / "left.cameramodel").write_text(files["left.cameramodel"])
     model = mrcal.cameramodel(str(tmp_path / "left.cameramodel"))
-    same(se3.pose(*np.split(model.Rt_ref_cam(), [3])), T_parent_sensor(calibration, "left"))
+    same(make_pose(*np.split(model.Rt_ref_cam(), [3])), T_parent_sensor(calibration, "left"))
     project("left", lambda p: mrcal.project(p, *model.intrinsics()))
 
 
@@ -340,20 +352,20 @@ READERS = {
 @pytest.mark.parametrize("name", sorted(READERS))
 def test_a_format_says_the_same_poses_to_another_reader(name, tmp_path):
     calibration, shown = described()
-    files = format_registry.FORMATS[name].render(shown)
+    files = FORMATS[name].render_files(shown)
     more = (tmp_path,) if name == "xacro" else ()
     READERS[name](calibration, files, *more)
 
 
 def test_every_format_has_a_reader_here():
-    assert set(READERS) | {"tf_static", "foxglove"} == set(format_registry.FORMATS)
+    assert set(READERS) | {"tf_static", "foxglove"} == set(FORMATS)
 
 
 @pytest.mark.parametrize("name", sorted(READERS))
 def test_every_text_names_its_convention_and_a_worked_point_that_is_so(name):
     _, shown = described()
-    module = format_registry.FORMATS[name]
-    for file, content in module.render(shown).items():
+    module = FORMATS[name]
+    for file, content in module.render_files(shown).items():
         if isinstance(content, Status):
             assert not content.ok and content.reason
             continue
@@ -363,21 +375,23 @@ def test_every_text_names_its_convention_and_a_worked_point_that_is_so(name):
 
 def test_a_worked_point_is_that_of_the_pose():
     calibration, shown = described()
-    x, y, z = se3.transform(T_parent_sensor(calibration, "down"), [1, 0, 0])
+    x, y, z = transform_points(T_parent_sensor(calibration, "down"), [1, 0, 0])
     line = f"down: the point (1, 0, 0) of os_sensor is ({x:.6f}, {y:.6f}, {z:.6f}) in base_link"
-    assert line in shown.worked()
-    assert "rear is left out: rear has no view of a target" in shown.worked()
+    assert line in shown.describe_worked_points()
+    assert "rear is left out: rear has no view of a target" in shown.describe_worked_points()
 
 
 # --- recordings
 
 
 @pytest.fixture
-def exported(finished):
-    return finished / "results/sim/export"
+def exported(finished_run):
+    return finished_run / "results/sim/export"
 
 
-def test_tf_static_opens_beside_the_recording_latched_and_stamped_at_its_start(finished, exported):
+def test_tf_static_opens_beside_the_recording_latched_and_stamped_at_its_start(
+    finished_run, exported
+):
     path = exported / "tf_static_sim.mcap"
     with path.open("rb") as stream:
         reader = make_reader(stream)
@@ -388,10 +402,8 @@ def test_tf_static_opens_beside_the_recording_latched_and_stamped_at_its_start(f
     (qos,) = yaml.safe_load(channel.metadata["offered_qos_profiles"])
     transient_local, reliable = 1, 1
     assert (qos["durability"], qos["reliability"]) == (transient_local, reliable)
-    frames, _, _ = parquet_tables.read(
-        finished / "results/sim/sim/frames.parquet", table_schemas.FRAMES
-    )
-    assert message.log_time == frames["log_t"].min()
+    frames, _, _ = read_table(finished_run / "results/sim/sim/frames.parquet", FRAMES_SCHEMA)
+    assert message.log_time == frames["log_time_ns"].min()
     assert "maps points of child_frame_id into header.frame_id" in about.metadata["convention"]
     assert "the point (1, 0, 0) of velodyne is" in about.metadata["worked_point"]
     # The schema in the file is enough to read it.
@@ -400,7 +412,7 @@ def test_tf_static_opens_beside_the_recording_latched_and_stamped_at_its_start(f
     said = store.deserialize_cdr(message.data, schema.name).transforms
     assert {t.header.frame_id for t in said} == {"mocap/robot"}
     edges = edges_of_bag(path)
-    result = stage_cli.read_json(finished / "results/sim/calibration.json")["sensors"]
+    result = read_json(finished_run / "results/sim/calibration.json")["sensors"]
     for name in ("camera", "velodyne"):
         expected = np.array(result[name]["T_robot_sensor"]["matrix"])
         same(chained(edges, "mocap/robot", name), expected)
@@ -408,10 +420,10 @@ def test_tf_static_opens_beside_the_recording_latched_and_stamped_at_its_start(f
 
 @pytest.mark.parametrize("parent", ["", PARENT])
 def test_tf_static_hangs_on_the_markers_as_they_were_in_its_session(parent, tmp_path):
-    T_robot_body = se3.from_rpy([0.02, -0.03, 0.01], [0.1, 0.05, -0.2])
-    anew = Session("anew", 5_000_000_000, T_robot_body, {}, {})
+    T_robot_body = pose_from_rpy([0.02, -0.03, 0.01], [0.1, 0.05, -0.2])
+    anew = ExportSession("anew", 5_000_000_000, T_robot_body, {}, {})
     calibration, shown = described(parent=parent, sessions={"anew": anew})
-    (tmp_path / "a.mcap").write_bytes(tf_static.render(shown)["tf_static_anew.mcap"])
+    (tmp_path / "a.mcap").write_bytes(tf_static.render_files(shown)["tf_static_anew.mcap"])
     edges = edges_of_bag(tmp_path / "a.mcap")
     for name, T_robot_sensor in POSES.items():
         expected = np.linalg.inv(T_robot_body) @ T_robot_sensor
@@ -439,17 +451,17 @@ def messages_of(path):
 
 
 def test_the_mcap_for_foxglove_holds_coloured_clouds_and_points_drawn_into_the_images(
-    finished, exported
+    finished_run, exported
 ):
     found = messages_of(exported / "foxglove_sim.mcap")
-    result = stage_cli.read_json(finished / "results/sim/calibration.json")["sensors"]
+    result = read_json(finished_run / "results/sim/calibration.json")["sensors"]
     T = {n: np.array(s["T_robot_sensor"]["matrix"]) for n, s in result.items()}
     same(chained(edges_of_bag(exported / "foxglove_sim.mcap"), BODY, "camera"), T["camera"])
     assert len(found["/board/camera/image"]) == len(found["/board/camera/projected"]) == 4
     assert len(found["/board/camera/camera_info"]) == 4
     assert found["/tf_static"][0][0] <= min(t for m in found.values() for t, _ in m)
-    camera = sensor_models.camera(
-        sensor_of("left") | {"params": list(simulated_rigs.PARAMS["radtan"])}
+    camera = camera_from_config(
+        sensor_of("left") | {"params": list(simulated_rigs.LENS_PARAMS["radtan"])}
     )
     coloured, drawn = 0, 0
     for (_, image), (_, marked) in zip(
@@ -463,9 +475,9 @@ def test_the_mcap_for_foxglove_holds_coloured_clouds_and_points_drawn_into_the_i
     for _, cloud in found["/board/velodyne/points"] + found["/cylinder/velodyne/points"]:
         assert cloud.header.frame_id == "velodyne"
         xyz, rgb = points_of(cloud)
-        in_camera = se3.transform(se3.inverse(T["camera"]) @ T["velodyne"], xyz)
+        in_camera = transform_points(invert_pose(T["camera"]) @ T["velodyne"], xyz)
         uv, valid = camera.project(in_camera)
-        away = ~(valid & camera.in_image(uv))
+        away = ~(valid & camera.is_in_image(uv))
         assert (rgb[away] == 150).all()
         coloured += (rgb[~away] != 150).any(1).sum()
     assert coloured > 300
@@ -473,7 +485,7 @@ def test_the_mcap_for_foxglove_holds_coloured_clouds_and_points_drawn_into_the_i
     for name in ("board", "cylinder"):
         where = dict(found[f"/{name}/points"])
         for t, cloud in found[f"/{name}/velodyne/points"]:
-            scan = cKDTree(se3.transform(T["velodyne"], points_of(cloud)[0]))
+            scan = cKDTree(transform_points(T["velodyne"], points_of(cloud)[0]))
             nearest = scan.query(points_of(where[t])[0])[0]
             assert np.quantile(nearest, 0.1) < 0.03
 
@@ -486,21 +498,23 @@ def test_a_return_has_the_colour_of_the_pixel_that_shows_it():
     known = np.ones(SIZE[::-1], bool)
     known[:, :450] = False
     p_left = np.array([[0.1, 0.2, 1.0], [-0.2, 0.1, 1.5], [0.1, 0.2, -1.0]])
-    T_front_left = se3.inverse(POSES["front"]) @ POSES["left"]
-    scan = foxglove.View(0, xyz=se3.transform(T_front_left, p_left))
-    seen = {"left": foxglove.View(0, image=image, known=known)}
-    colours = foxglove.coloured(shown, shown.sensors["front"], scan, seen)
+    T_front_left = invert_pose(POSES["front"]) @ POSES["left"]
+    scan = FoxgloveView(0, xyz=transform_points(T_front_left, p_left))
+    seen = {"left": FoxgloveView(0, image=image, pixel_mask=known)}
+    colours = color_lidar_returns(shown, shown.sensors["front"], scan, seen)
     uv, _ = shown.sensors["left"].camera.project(p_left[:1])
     u, v = np.rint(uv[0]).astype(int)
-    assert colours.tolist() == [[u % 251, v % 251, 0], list(foxglove.GREY), list(foxglove.GREY)]
+    assert colours.tolist() == [[u % 251, v % 251, 0], list(UNCOLORED_BGR), list(UNCOLORED_BGR)]
 
 
 @pytest.fixture(scope="module")
 def told_by_the_log(tmp_path_factory):
     """Exports of a camera that the rig gives no lens: CameraInfo in the log has it."""
-    folder = runs.simulated(tmp_path_factory.mktemp("heard"), f"{runs.SMALL} --camera-info")
-    assert "params" not in yaml.safe_load(runs.rig(folder).read_text())["sensors"]["camera"]
-    runs.completed(folder)
+    folder = simulate_into(tmp_path_factory.mktemp("heard"), f"{SMALL_ARGUMENTS} --camera-info")
+    assert (
+        "params" not in yaml.safe_load(simulated_rig_path(folder).read_text())["sensors"]["camera"]
+    )
+    run_to_completion(folder)
     return folder / "results/sim/export"
 
 
@@ -557,17 +571,17 @@ def test_a_lens_that_the_log_tells_is_in_every_format_that_holds_one(name, told_
     K, d = (np.array(v, float) for v in LENSES[name](told_by_the_log))
     points = np.array([[0.1, 0.2, 1.0], [-0.3, 0.1, 1.2], [0.0, 0.0, 1.0], [0.4, -0.3, 0.9]])
     found = cv2.projectPoints(points[None], np.zeros(3), np.zeros(3), K.reshape(3, 3), d)[0]
-    lens = {"model": "radtan", "params": simulated_rigs.PARAMS["radtan"], "size_px": SIZE}
-    uv, _ = sensor_models.camera(lens).project(points)
+    lens = {"model": "radtan", "params": simulated_rigs.LENS_PARAMS["radtan"], "size_px": SIZE}
+    uv, _ = camera_from_config(lens).project(points)
     assert np.reshape(found, (-1, 2)) == pytest.approx(uv, abs=1e-6)
 
 
-def test_exports_come_out_the_same_byte_for_byte(finished, exported, monkeypatch):
+def test_exports_come_out_the_same_byte_for_byte(finished_run, exported, monkeypatch):
     import export
 
-    monkeypatch.chdir(finished)
+    monkeypatch.chdir(finished_run)
     before = {p: p.read_bytes() for p in sorted(exported.rglob("*")) if p.is_file()}
-    export.main(runs.commands(finished)["export", ""])
+    export.main(list_job_commands(finished_run)["export", ""])
     assert before == {p: p.read_bytes() for p in sorted(exported.rglob("*")) if p.is_file()}
     assert len(before) == 13
 
@@ -577,21 +591,21 @@ def test_exports_come_out_the_same_byte_for_byte(finished, exported, monkeypatch
 
 def test_the_parent_may_be_a_sensor(tmp_path):
     _, shown = described(parent={"sensor": "front"})
-    assert shown.parent == "velodyne"
-    assert "velodyne" not in {e.child for e in shown.edges()}
-    same(shown.sensors["down"].T, np.linalg.inv(POSES["front"]) @ POSES["down"])
-    assert pytest.approx(np.eye(4), abs=1e-12) == shown.sensors["front"].T
+    assert shown.parent_frame == "velodyne"
+    assert "velodyne" not in {e.child for e in shown.static_transforms()}
+    same(shown.sensors["down"].T_parent_sensor, np.linalg.inv(POSES["front"]) @ POSES["down"])
+    assert pytest.approx(np.eye(4), abs=1e-12) == shown.sensors["front"].T_parent_sensor
 
 
 def test_the_parent_may_be_a_link_known_from_a_sensor():
-    T_base_lidar = se3.from_rpy([1.1, 0.2, 0.3], [0.1, 0.2, 0.3])
+    T_base_lidar = pose_from_rpy([1.1, 0.2, 0.3], [0.1, 0.2, 0.3])
     parent = {"frame": "base_link", "sensor": "front"}
     parent["T_parent_sensor"] = {"matrix": T_base_lidar.tolist()}
     _, shown = described(parent=parent)
-    assert shown.parent == "base_link"
-    same(shown.sensors["front"].T, T_base_lidar)
+    assert shown.parent_frame == "base_link"
+    same(shown.sensors["front"].T_parent_sensor, T_base_lidar)
     relative = np.linalg.inv(POSES["front"]) @ POSES["left"]
-    same(shown.sensors["left"].T, T_base_lidar @ relative)
+    same(shown.sensors["left"].T_parent_sensor, T_base_lidar @ relative)
 
 
 def test_frames_that_are_empty_taken_or_the_parent_s_go_by_the_sensor_and_that_is_said():
@@ -606,7 +620,7 @@ def test_frames_that_are_empty_taken_or_the_parent_s_go_by_the_sensor_and_that_i
 
 def test_the_body_of_a_camera_goes_by_the_name_that_the_rig_gives_it():
     _, shown = described(body_frames={"left": "", "right": "right_mount"})
-    above = {e.child: e.parent for e in shown.edges()}
+    above = {e.child: e.parent for e in shown.static_transforms()}
     assert above["left_camera_optical_frame"] == "base_link"
     assert above["right"] == "right_mount" and above["right_mount"] == "base_link"
 
@@ -622,7 +636,7 @@ def test_intrinsics_that_were_estimated_go_before_those_configured():
         "body": BODY,
         "sensors": {n: sensor_of(n) for n in (*POSES, "rear")},
     }
-    text = format_registry.FORMATS["ros_camera_info"].render(scene(calibration, options))
+    text = FORMATS["ros_camera_info"].render_files(build_export_scene(calibration, options))
     assert yaml.safe_load(text["camera_info_left.yaml"])["camera_matrix"]["data"][0] == 805.25
 
 
@@ -630,7 +644,7 @@ def test_kalibr_leaves_out_a_camera_with_a_k3_and_says_so():
     calibration, shown = described()
     left = shown.sensors["left"].camera
     object.__setattr__(left, "params", (*left.params[:8], 0.02))
-    files = format_registry.FORMATS["kalibr"].render(shown)
+    files = FORMATS["kalibr"].render_files(shown)
     assert "k3, that of left is 0.02" in files["camchain.yaml: left"].reason
     chain = yaml.safe_load(files["camchain.yaml"])
     assert [c["rostopic"] for c in chain.values()] == ["/fish/data", "/right/data"]
@@ -642,7 +656,7 @@ def test_kalibr_leaves_out_a_camera_with_a_k3_and_says_so():
 def test_names_from_a_log_are_data_in_every_format(name, tmp_path):
     bad = "a\"b'c --> ${1/0} & <x> \n# y: [ $(cwd) "
     _, shown = described(frames=FRAMES | {"front": bad, "left": bad + "2"})
-    files = format_registry.FORMATS[name].render(shown)
+    files = FORMATS[name].render_files(shown)
     for file, content in files.items():
         if isinstance(content, Status):
             continue
@@ -667,16 +681,16 @@ def test_names_from_a_log_are_data_in_every_format(name, tmp_path):
         assert " ".join(bad.split()) in names
 
 
-def test_the_index_names_every_file_and_what_could_not_be_written(finished, exported):
-    text = (exported / export_readme.FILE).read_text()
+def test_the_index_names_every_file_and_what_could_not_be_written(finished_run, exported):
+    text = (exported / README_FILE_NAME).read_text()
     for path in exported.rglob("*"):
-        if path.is_file() and path.name != export_readme.FILE:
+        if path.is_file() and path.name != README_FILE_NAME:
             assert f"`{path.relative_to(exported)}`" in text
     _, shown = described()
-    written = {n: {} for n in format_registry.FORMATS}
+    written = {n: {} for n in FORMATS}
     written["mrcal"] = {"fish.cameramodel": Status(False, "mrcal has no lens model")}
     judged = {"verdict": "warn", "reasons": ["left: placements 4, warn below 5"]}
-    text = export_readme.render(shown, written, judged, {})
+    text = render_export_readme(shown, written, judged, {})
     assert "not written: fish.cameramodel: mrcal has no lens model" in text
     assert "left: placements 4, warn below 5" in text
 
@@ -684,12 +698,14 @@ def test_the_index_names_every_file_and_what_could_not_be_written(finished, expo
 def test_images_are_what_was_kept_of_them_and_black_elsewhere():
     part = np.full((20, 30, 3), 200, np.uint8)
     _, shown = described()
-    row = {"t": 7, "u0": 100, "v0": 50, "png": image_messages.to_png(part)}
-    view = foxglove._view(shown.sensors["left"], row)
-    assert view.known.sum() == 600 and view.known[50, 100] and not view.known[49, 100]
+    row = {"stamp_ns": 7, "u0": 100, "v0": 50, "png": encode_png(part)}
+    view = foxglove._make_foxglove_view(shown.sensors["left"], row)
+    assert (
+        view.pixel_mask.sum() == 600 and view.pixel_mask[50, 100] and not view.pixel_mask[49, 100]
+    )
     assert (view.image[50:70, 100:130] == 200).all() and view.image[:50].max() == 0
 
 
 def test_urdf_numbers_hold_every_digit():
     T = POSES["down"]
-    assert [float(w) for w in urdf_file.origin(T)["xyz"].split()] == T[:3, 3].tolist()
+    assert [float(w) for w in origin_attributes(T)["xyz"].split()] == T[:3, 3].tolist()

@@ -8,8 +8,16 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarking.fuzzing import random_configs, run_cases
-from calib.io import config, safe_yaml
+from benchmarking.fuzzing import run_cases
+from benchmarking.fuzzing.random_configs import (
+    ALIAS_BOMB,
+    MERGE_BOMB,
+    PYTHON_OBJECT_YAML,
+    VALID_FILES,
+)
+from benchmarking.fuzzing.run_cases import limit_time, run_fuzz_batch, run_fuzz_campaign
+from calib.io.config import load_config, validate_and_complete
+from calib.io.safe_yaml import load_yaml
 from calib.io.status import InputError
 
 CASES = 500
@@ -17,7 +25,7 @@ CASES = 500
 
 @pytest.fixture(scope="module")
 def outcomes():
-    return run_cases.everything(CASES, seed=0, cores=1)
+    return run_fuzz_campaign(CASES, seed=0, n_cores=1)
 
 
 def test_no_case_breaks(outcomes):
@@ -34,13 +42,13 @@ def test_cases_of_every_kind_end_in_every_way_so_that_they_reach_what_they_are_t
 
 
 def test_no_case_takes_more_memory_than_a_good_log(outcomes):
-    assert max(o.memory for o in outcomes) < 500
+    assert max(o.peak_memory_mb for o in outcomes) < 500
 
 
 def test_a_case_is_the_same_for_the_same_seed_and_another_for_another():
-    first, again, other = (run_cases.outcomes([0, 2], seed)[1] for seed in (3, 3, 4))
-    assert (first.end, first.words) == (again.end, again.words)
-    assert first.words != other.words
+    first, again, other = (run_fuzz_batch([0, 2], seed)[1] for seed in (3, 3, 4))
+    assert (first.end, first.message) == (again.end, again.message)
+    assert first.message != other.message
 
 
 def test_a_case_that_breaks_or_hangs_is_called_broken(tmp_path, monkeypatch):
@@ -51,9 +59,9 @@ def test_a_case_that_breaks_or_hangs_is_called_broken(tmp_path, monkeypatch):
     def leave(folder, rng):
         raise KeyError("x")
 
-    monkeypatch.setattr(run_cases, "MOST_SECONDS", 1)
+    monkeypatch.setattr(run_cases, "MAX_CASE_SECONDS", 1)
     for case, words in ((hang, "not done after 1 s"), (leave, "KeyError")):
-        end, said = run_cases._ended(case, tmp_path, None)
+        end, said = run_cases._run_until_end(case, tmp_path, None)
         assert end == "broken" and words in said
 
 
@@ -64,7 +72,7 @@ VALUES = st.recursive(
     FLAT, lambda v: st.lists(v, max_size=4) | st.dictionaries(FLAT, v, max_size=4), max_leaves=8
 )
 PLACES = {
-    kind: [(name, key) for name in names for key in random_configs.GOOD[name]]
+    kind: [(name, key) for name in names for key in VALID_FILES[name]]
     for kind, names in {
         "config": ["config.yaml"],
         "rig": ["rigs/cart.yaml"],
@@ -78,10 +86,10 @@ PLACES = {
 @given(data=st.data())
 def test_any_value_in_a_config_is_taken_or_refused_in_a_line_that_names_the_file(kind, data):
     name, key = data.draw(st.sampled_from(PLACES[kind]))
-    content = yaml.safe_load(yaml.safe_dump(random_configs.GOOD[name]))
+    content = yaml.safe_load(yaml.safe_dump(VALID_FILES[name]))
     content[key] = data.draw(VALUES)
     try:
-        assert config.complete(kind, content, name)[key] is content[key]
+        assert validate_and_complete(kind, content, name)[key] is content[key]
     except InputError as error:
         assert str(error).startswith(f"{name}: ") and len(str(error)) < 600
 
@@ -106,7 +114,7 @@ NAMES = [
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("where", ["session", "rig", "sensor"])
 def test_a_name_that_would_leave_its_folder_is_refused(where, name, tmp_path):
-    good = yaml.safe_load(yaml.safe_dump(random_configs.GOOD))
+    good = yaml.safe_load(yaml.safe_dump(VALID_FILES))
     settings, rig = good["config.yaml"], good["rigs/cart.yaml"]
     if where == "session":
         settings["sessions"] = {name: settings["sessions"]["morning"]}
@@ -118,7 +126,7 @@ def test_a_name_that_would_leave_its_folder_is_refused(where, name, tmp_path):
         (tmp_path / path).parent.mkdir(exist_ok=True)
         (tmp_path / path).write_text(yaml.safe_dump(content))
     with pytest.raises(InputError, match="is no name|is a reserved name"):
-        config.load(settings, tmp_path)
+        load_config(settings, tmp_path)
 
 
 def written(folder, text):
@@ -128,10 +136,10 @@ def written(folder, text):
 
 
 UNREAD = {
-    random_configs.BOMB: "unfolds to more than 100000 values",
-    random_configs.MERGED: "unfolds to more than 100000 values",
+    ALIAS_BOMB: "unfolds to more than 100000 values",
+    MERGE_BOMB: "unfolds to more than 100000 values",
     "a: &a [*a]": "line 1: an alias of what it lies in",
-    random_configs.OBJECTS: "could not determine a constructor",
+    PYTHON_OBJECT_YAML: "could not determine a constructor",
     "[" * 3000: "nested too deeply",
     "b: 1\na: 2\nb: 3": "key 'b' stands in line 1 and again in line 3; keep one",
     "{a: 1, a: 2}": "key 'a' stands in line 1 and again in line 1",
@@ -145,19 +153,19 @@ UNREAD = {
 
 @pytest.mark.parametrize("text", UNREAD, ids=range(len(UNREAD)))
 def test_yaml_that_is_no_config_is_refused_in_a_line(text, tmp_path):
-    with pytest.raises(InputError) as caught, run_cases.at_most(10):
-        safe_yaml.load(written(tmp_path, text))
+    with pytest.raises(InputError) as caught, limit_time(10):
+        load_yaml(written(tmp_path, text))
     assert UNREAD[text] in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_yaml_keeps_anchors_that_people_use(tmp_path):
     text = "a: &a {x: 1, y: [2, 3]}\nb: *a\nc: {<<: *a, x: 4}"
-    found = safe_yaml.load(written(tmp_path, text))
+    found = load_yaml(written(tmp_path, text))
     assert found["b"] == {"x": 1, "y": [2, 3]} and found["c"] == {"x": 4, "y": [2, 3]}
 
 
 @pytest.mark.parametrize("value", [".nan", ".inf", "1.0e+40", "1" * 400])
 def test_a_number_that_nothing_has_is_refused_with_its_key(value, tmp_path):
-    content = safe_yaml.load(written(tmp_path, f"gate: {{window_s: {value}}}"))
+    content = load_yaml(written(tmp_path, f"gate: {{window_s: {value}}}"))
     with pytest.raises(InputError, match="x.yaml: gate.window_s: .* is no number that any has"):
-        config.complete("config", content, "x.yaml")
+        validate_and_complete("config", content, "x.yaml")

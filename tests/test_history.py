@@ -8,96 +8,106 @@ import pytest
 
 import export
 import index
-import reporting
-from calib.export import accepted_calibrations
-from calib.geometry import se3
-from calib.io import pose_block, stage_cli
+from calib.export.accepted_calibrations import (
+    accept_calibration,
+    read_accepted_calibrations,
+    read_earlier_calibrations,
+)
+from calib.geometry.se3 import se3_exp
+from calib.io.pose_block import pose_json
+from calib.io.stage_cli import write_json
 from calib.io.status import InputError
-from reporting import POSES, SENSORS, TEMPLATES, own, words
+from reporting import (
+    REPORT_TEMPLATES,
+    SENSOR_CONFIGS,
+    T_ROBOT_SENSOR,
+    extract_page_text,
+    make_calibration_json,
+    make_log_audit,
+    remove_plotly,
+)
 
 A, B, C = ({"rig": "robo", "n": n} for n in "abc")
 
 
 def test_what_is_accepted_again_adds_nothing(tmp_path):
-    first = accepted_calibrations.accept(tmp_path, A)
-    assert accepted_calibrations.accept(tmp_path, copy.deepcopy(A)) == first
+    first = accept_calibration(tmp_path, A)
+    assert accept_calibration(tmp_path, copy.deepcopy(A)) == first
     assert [p.name for p in tmp_path.iterdir()] == [f"{first}.json"]
 
 
 def test_the_order_is_that_in_which_they_were_accepted_also_of_one_that_comes_back(tmp_path):
-    names = [accepted_calibrations.accept(tmp_path, c) for c in (A, B, C, A)]
-    found = accepted_calibrations.chain(tmp_path)
+    names = [accept_calibration(tmp_path, c) for c in (A, B, C, A)]
+    found = read_accepted_calibrations(tmp_path)
     assert [n for n, _ in found] == names and [c["n"] for _, c in found] == list("abca")
     assert len(set(names)) == 4
 
 
 def test_names_depend_on_the_content_alone(tmp_path):
     one, other = tmp_path / "one", tmp_path / "other"
-    assert [accepted_calibrations.accept(one, c) for c in (A, B)] == [
-        accepted_calibrations.accept(other, c) for c in (A, B)
+    assert [accept_calibration(one, c) for c in (A, B)] == [
+        accept_calibration(other, c) for c in (A, B)
     ]
 
 
 def test_before_is_the_same_whether_or_not_the_calibration_was_accepted_by_then(tmp_path):
-    accepted_calibrations.accept(tmp_path, A)
-    early = accepted_calibrations.before(tmp_path, B)
-    accepted_calibrations.accept(tmp_path, B)
+    accept_calibration(tmp_path, A)
+    early = read_earlier_calibrations(tmp_path, B)
+    accept_calibration(tmp_path, B)
     assert (
-        accepted_calibrations.before(tmp_path, B)
-        == early
-        == accepted_calibrations.chain(tmp_path)[:1]
+        read_earlier_calibrations(tmp_path, B) == early == read_accepted_calibrations(tmp_path)[:1]
     )
 
 
 def test_a_folder_without_history_has_none(tmp_path):
     assert (
-        accepted_calibrations.chain(tmp_path / "no")
-        == accepted_calibrations.before(tmp_path / "no", A)
+        read_accepted_calibrations(tmp_path / "no")
+        == read_earlier_calibrations(tmp_path / "no", A)
         == []
     )
 
 
 def test_a_changed_entry_is_refused(tmp_path):
-    name = accepted_calibrations.accept(tmp_path, A)
+    name = accept_calibration(tmp_path, A)
     (tmp_path / f"{name}.json").write_text("{}")
     with pytest.raises(InputError, match=f"{name}.json is not as it was written"):
-        accepted_calibrations.chain(tmp_path)
+        read_accepted_calibrations(tmp_path)
 
 
 def test_an_entry_whose_forerunner_is_gone_is_refused(tmp_path):
-    first, _ = (accepted_calibrations.accept(tmp_path, c) for c in (A, B))
+    first, _ = (accept_calibration(tmp_path, c) for c in (A, B))
     (tmp_path / f"{first}.json").unlink()
     with pytest.raises(InputError, match=f"follows {first}.json, which is gone"):
-        accepted_calibrations.accept(tmp_path, C)
+        accept_calibration(tmp_path, C)
 
 
 def test_what_was_begun_and_never_ended_is_no_entry(tmp_path):
-    accepted_calibrations.accept(tmp_path, A)
+    accept_calibration(tmp_path, A)
     (tmp_path / ".0123456789abcdef").write_text('{"previous"')
-    assert len(accepted_calibrations.chain(tmp_path)) == 1
+    assert len(read_accepted_calibrations(tmp_path)) == 1
 
 
 def results(folder, name, level="pass", moved=0.0, repeatability=()):
     """A rig's results: both sensors, the left one moved along its x axis by so many m."""
-    calibration = reporting.calibration() | {"rig": name, "verdict": level}
-    there = POSES["left"] @ se3.se3_exp(np.array([moved, 0, 0, 0, 0, 0]))
-    calibration["sensors"]["left"]["T_robot_sensor"] = pose_block.pose_json(there)
+    calibration = make_calibration_json() | {"rig": name, "verdict": level}
+    there = T_ROBOT_SENSOR["left"] @ se3_exp(np.array([moved, 0, 0, 0, 0, 0]))
+    calibration["sensors"]["left"]["T_robot_sensor"] = pose_json(there)
     calibration["repeatability"] = list(repeatability)
     reason = f"left: <{level}>"
     judged = {"verdict": level, "reasons": [] if level == "pass" else [reason], "findings": []}
-    judged |= {"sensors": dict.fromkeys(SENSORS, level), "limits": {}}
+    judged |= {"sensors": dict.fromkeys(SENSOR_CONFIGS, level), "limits": {}}
     home = folder / "results" / name
     (home / "s1").mkdir(parents=True, exist_ok=True)
-    stage_cli.write_json(home / "calibration.json", calibration)
-    stage_cli.write_json(home / "verdict.json", judged)
-    stage_cli.write_json(home / "s1/log.json", reporting.audit())
+    write_json(home / "calibration.json", calibration)
+    write_json(home / "verdict.json", judged)
+    write_json(home / "s1/log.json", make_log_audit())
     return home
 
 
 def exported(home):
     """Run export on a rig's results."""
     options = {"export": {"parent": "", "max_views": 1, "body_frames": {}}, "body": "mcs/robot"}
-    options |= {"sensors": SENSORS, "targets": {}, "sessions": {}}
+    options |= {"sensors": SENSOR_CONFIGS, "targets": {}, "sessions": {}}
     files = {"calibration": "calibration.json", "verdict": "verdict.json"}
     files |= {"output": "export", "history": "history"}
     paths = [a for k, v in files.items() for a in (f"--{k}", str(home / v))]
@@ -110,7 +120,7 @@ def page(folder, **stopped):
     names = sorted({p.name for p in (folder / "results").iterdir() if p.is_dir()} | set(stopped))
     rigs = {n: {"sessions": ["s1"], "stopped": stopped.get(n, [])} for n in names}
     out = folder / "results/index.html"
-    templates = [str(p) for p in TEMPLATES if p.suffix in (".j2", ".css", ".js")]
+    templates = [str(p) for p in REPORT_TEMPLATES if p.suffix in (".j2", ".css", ".js")]
     arguments = ["--results", str(folder / "results"), "--output", str(out), "--templates"]
     index.main([*arguments, *templates, "--options", json.dumps({"rigs": rigs})])
     return out.read_text()
@@ -121,7 +131,7 @@ def test_drift_is_told_against_the_calibration_that_was_accepted_before(tmp_path
     exported(results(tmp_path, "robo"))
     home = results(tmp_path, "robo", moved=0.003)
     early = page(tmp_path)
-    assert "left camera PASS 3 0.017 3 0 0.87 – –" in words(early)
+    assert "left camera PASS 3 0.017 3 0 0.87 – –" in extract_page_text(early)
     exported(home)
     assert page(tmp_path).replace('<a href="robo/export">export</a> · ', "") == early.replace(
         '<a href="robo/export">export</a> · ', ""
@@ -135,13 +145,13 @@ def test_a_failed_calibration_is_compared_with_the_last_accepted_and_not_kept(tm
         exported(home)
     assert len(list((home / "history").iterdir())) == 1
     text = page(tmp_path)
-    assert "left camera FAIL 3 0.017 50 0 14" in words(text)
+    assert "left camera FAIL 3 0.017 50 0 14" in extract_page_text(text)
     assert "left: &lt;fail&gt;" in text
 
 
 def test_without_an_accepted_calibration_there_is_no_drift(tmp_path):
     results(tmp_path, "robo")
-    said = words(page(tmp_path))
+    said = extract_page_text(page(tmp_path))
     assert "No calibration was accepted before this one" in said
     assert "left camera PASS 3 0.017 – – – – –" in said
 
@@ -150,12 +160,12 @@ def test_repeatability_is_the_scatter_of_sessions_by_themselves(tmp_path):
     row = {"session": "s1", "sensor": "left", "others": 1, "chance": 0.5, "sigma": [1e-3] * 6}
     rows = [row | {"shift": [0.003, 0.004, 0, 0, 0, s * 1e-3]} for s in (1, -1)]
     results(tmp_path, "robo", repeatability=rows)
-    assert "left camera PASS 3 0.017 – – – 5 0.057" in words(page(tmp_path))
+    assert "left camera PASS 3 0.017 – – – 5 0.057" in extract_page_text(page(tmp_path))
 
 
 def test_a_rig_that_stopped_is_there_with_what_stopped_it_beside_the_healthy(tmp_path):
     results(tmp_path, "robo")
-    said = words(page(tmp_path, husky=["results/husky/s/decode.log: no such <log>"]))
+    said = extract_page_text(page(tmp_path, husky=["results/husky/s/decode.log: no such <log>"]))
     assert "husky FAIL results/husky/s/decode.log: no such &lt;log&gt;" in said
     assert "robo PASS Every limit is kept. 2 1 0" in said
 
@@ -165,13 +175,13 @@ def test_a_spoilt_history_is_told_on_the_page(tmp_path):
     exported(home)
     (entry,) = (home / "history").iterdir()
     entry.write_text("{}")
-    assert "is not as it was written" in words(page(tmp_path))
+    assert "is not as it was written" in extract_page_text(page(tmp_path))
 
 
 def test_links_lead_to_what_is_there(tmp_path):
     home = results(tmp_path, "robo")
     (home / "report.html").write_text("")
-    text = own(page(tmp_path))
+    text = remove_plotly(page(tmp_path))
     assert '<a href="robo/report.html">report</a>' in text
     assert "report.pdf" not in text
     assert "http" not in text

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calib.io.status import InputError, MessageError
-from calib.sensors.camera.images import image_messages
-from calib.sensors.camera.images.pixel_encodings import ENCODINGS
+from calib.sensors.camera.images.image_messages import decode_png, encode_png, read_bgr, to_grey
+from calib.sensors.camera.images.pixel_encodings import PIXEL_ENCODINGS
 
 RNG = np.random.default_rng(0)
 COLOR = RNG.integers(0, 256, (5, 7, 3), np.uint8)
@@ -79,7 +79,7 @@ CASES = {
 
 
 def test_every_encoding_has_a_case():
-    assert set(CASES) == set(ENCODINGS)
+    assert set(CASES) == set(PIXEL_ENCODINGS)
 
 
 def shown(encoding, padding=0, big=False):
@@ -99,7 +99,7 @@ def test_every_encoding_becomes_blue_green_red_without_the_padding_of_its_rows(
 ):
     message = shown(encoding, padding, big)
     message.is_bigendian = int(big)
-    found = image_messages.bgr(message)
+    found = read_bgr(message)
     _, expected, most = CASES[encoding]
     assert found.dtype == np.uint8 and found.shape == expected.shape
     assert found.flags["C_CONTIGUOUS"]
@@ -111,14 +111,14 @@ def test_every_encoding_becomes_blue_green_red_without_the_padding_of_its_rows(
 def test_red_is_red():
     red = np.zeros((2, 2, 3), np.uint8)
     red[..., 0] = 255
-    assert image_messages.bgr(image("rgb8", red))[0, 0].tolist() == [0, 0, 255]
-    assert image_messages.bgr(image("bgr8", red))[0, 0].tolist() == [255, 0, 0]
+    assert read_bgr(image("rgb8", red))[0, 0].tolist() == [0, 0, 255]
+    assert read_bgr(image("bgr8", red))[0, 0].tolist() == [255, 0, 0]
 
 
 @pytest.mark.parametrize("encoding", ["32FC1", "yuv444", "", "BGR8"])
 def test_an_unknown_encoding_is_refused_with_what_is_read_and_the_remedy(encoding):
     with pytest.raises(InputError) as caught:
-        image_messages.bgr(image(encoding, GREY))
+        read_bgr(image(encoding, GREY))
     message = str(caught.value)
     assert f"images encoded {encoding}; this version reads mono8, " in message
     assert "convert the topic with image_proc and record it again" in message
@@ -131,18 +131,18 @@ def compressed(data, name="jpeg"):
 
 def test_a_compressed_png_comes_back_exactly_in_blue_green_red():
     data = cv2.imencode(".png", COLOR)[1].tobytes()
-    assert np.array_equal(image_messages.bgr(compressed(data, "rgb8; png compressed bgr8")), COLOR)
+    assert np.array_equal(read_bgr(compressed(data, "rgb8; png compressed bgr8")), COLOR)
 
 
 def test_a_compressed_grey_png_has_three_equal_channels():
     data = cv2.imencode(".png", GREY)[1].tobytes()
-    assert np.array_equal(image_messages.bgr(compressed(data, "png")), GREY3)
+    assert np.array_equal(read_bgr(compressed(data, "png")), GREY3)
 
 
 def test_a_compressed_jpeg_comes_back_within_a_few_grey_levels():
     smooth = cv2.resize(COLOR, (70, 50), interpolation=cv2.INTER_CUBIC)
     data = cv2.imencode(".jpg", smooth, [cv2.IMWRITE_JPEG_QUALITY, 98])[1].tobytes()
-    found = image_messages.bgr(compressed(data)).astype(int)
+    found = read_bgr(compressed(data)).astype(int)
     assert found.shape == (50, 70, 3)
     assert np.abs(found - smooth).mean() < 3
 
@@ -155,7 +155,7 @@ def test_an_orientation_tag_does_not_turn_the_image():
     tagged = data[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + data[2:]
     turned = cv2.imdecode(np.frombuffer(tagged, np.uint8), cv2.IMREAD_COLOR)
     assert turned.shape == (8, 4, 3)
-    assert image_messages.bgr(compressed(tagged)).shape == (4, 8, 3)
+    assert read_bgr(compressed(tagged)).shape == (4, 8, 3)
 
 
 @pytest.mark.parametrize(
@@ -163,30 +163,28 @@ def test_an_orientation_tag_does_not_turn_the_image():
 )
 def test_garbage_is_refused_with_its_format(data):
     with pytest.raises(InputError, match="an image of format 'h264' that is neither JPEG nor PNG"):
-        image_messages.bgr(compressed(data, "h264"))
+        read_bgr(compressed(data, "h264"))
 
 
 @pytest.mark.parametrize("pattern, channel", [("rggb", 2), ("bggr", 0)])
 def test_the_first_pixel_of_a_mosaic_has_the_colour_that_its_name_begins_with(pattern, channel):
     mosaic = np.zeros((16, 16), np.uint8)
     mosaic[::2, ::2] = 200
-    middle = image_messages.bgr(image(f"bayer_{pattern}8", mosaic))[8, 8]
+    middle = read_bgr(image(f"bayer_{pattern}8", mosaic))[8, 8]
     assert middle[channel] == 200 and np.delete(middle, channel).max() == 0
 
 
 @pytest.mark.parametrize("pattern", ["gbrg", "grbg"])
 def test_green_of_a_mosaic_is_green(pattern):
     mosaic = np.indices((16, 16)).sum(0) % 2 == 0
-    middle = image_messages.bgr(
-        image(f"bayer_{pattern}8", np.uint8(200) * mosaic.astype(np.uint8))
-    )[8, 8]
+    middle = read_bgr(image(f"bayer_{pattern}8", np.uint8(200) * mosaic.astype(np.uint8)))[8, 8]
     assert middle.tolist() == [0, 200, 0]
 
 
 @pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
 def test_a_camera_of_few_bits_in_sixteen_fills_eight(bits):
     pixels = np.linspace(0, 2**bits - 1, 35).reshape(5, 7).astype("<u2")
-    found = image_messages.bgr(image("mono16", pixels))[..., 0]
+    found = read_bgr(image("mono16", pixels))[..., 0]
     assert np.array_equal(found, pixels >> (bits - 8))
 
 
@@ -198,7 +196,7 @@ def test_colour_of_yuv_is_in_its_order():
         ("yuv422", cv2.COLOR_BGR2YUV_UYVY),
         ("yuv422_yuy2", cv2.COLOR_BGR2YUV_YUY2),
     ):
-        found = image_messages.bgr(image(encoding, cv2.cvtColor(color, code)))
+        found = read_bgr(image(encoding, cv2.cvtColor(color, code)))
         assert np.abs(found.astype(int) - color).max() <= 2
 
 
@@ -206,46 +204,46 @@ def test_raw_and_compressed_images_of_foxglove_are_read_like_those_of_ros():
     raw = image("rgb8", COLOR[..., ::-1])
     raw.__msgtype__ = "foxglove_msgs/msg/RawImage"
     del raw.is_bigendian
-    assert np.array_equal(image_messages.bgr(raw), COLOR)
+    assert np.array_equal(read_bgr(raw), COLOR)
     png = compressed(cv2.imencode(".png", COLOR)[1].tobytes(), "png")
     png.__msgtype__ = "foxglove_msgs/msg/CompressedImage"
-    assert np.array_equal(image_messages.bgr(png), COLOR)
+    assert np.array_equal(read_bgr(png), COLOR)
 
 
 def test_the_last_row_may_do_without_its_padding():
     message = image("rgb8", COLOR[..., ::-1], 12)
     message.data = message.data[:-12]
-    assert np.array_equal(image_messages.bgr(message), COLOR)
+    assert np.array_equal(read_bgr(message), COLOR)
 
 
 def test_a_compressed_png_of_sixteen_bits_keeps_what_eight_can_hold():
     data = cv2.imencode(".png", GREY.astype(np.uint16) << 4)[1].tobytes()
-    assert np.array_equal(image_messages.bgr(compressed(data, "mono16; png compressed ")), GREY3)
+    assert np.array_equal(read_bgr(compressed(data, "mono16; png compressed ")), GREY3)
 
 
 def test_a_mosaic_that_was_compressed_as_grey_has_its_colours():
     mosaic = np.zeros((16, 16), np.uint8)
     mosaic[::2, ::2] = 200
     data = cv2.imencode(".png", mosaic)[1].tobytes()
-    found = image_messages.bgr(compressed(data, "bayer_rggb8; png compressed "))
+    found = read_bgr(compressed(data, "bayer_rggb8; png compressed "))
     assert found[8, 8].tolist() == [0, 0, 200]
 
 
 def test_depths_are_refused_in_words():
     with pytest.raises(MessageError, match="images of format compressedDepth hold depths; name an"):
-        image_messages.bgr(compressed(b"x" * 99, "16UC1; compressedDepth png"))
+        read_bgr(compressed(b"x" * 99, "16UC1; compressedDepth png"))
 
 
 def test_video_in_a_compressed_image_is_refused_with_what_to_do():
     with pytest.raises(MessageError, match="republish the video as images, record those, and name"):
-        image_messages.bgr(compressed(b"\x00\x00\x00\x01g" * 99, "h264"))
+        read_bgr(compressed(b"\x00\x00\x00\x01g" * 99, "h264"))
 
 
 def test_a_jpeg_that_is_cut_short_is_no_image():
     data = cv2.imencode(".jpg", cv2.resize(COLOR, (640, 480)))[1].tobytes()
-    assert image_messages.bgr(compressed(data + b"\x00" * 100)).shape == (480, 640, 3)
+    assert read_bgr(compressed(data + b"\x00" * 100)).shape == (480, 640, 3)
     with pytest.raises(MessageError, match="a JPEG of 640 x 480 px that is cut short"):
-        image_messages.bgr(compressed(data[: len(data) * 2 // 3]))
+        read_bgr(compressed(data[: len(data) * 2 // 3]))
 
 
 # --- hostile input
@@ -270,7 +268,7 @@ def test_sizes_that_the_data_do_not_hold_are_refused_before_memory_is_taken(chan
     vars(message).update(change)
     tracemalloc.start()
     with pytest.raises(MessageError) as caught:
-        image_messages.bgr(message)
+        read_bgr(message)
     taken = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     size = f"{message.width} x {message.height} px, bgr8, with rows of {message.step} bytes"
@@ -284,7 +282,7 @@ def test_a_few_bytes_that_claim_to_be_a_huge_image_are_refused_before_memory_is_
     data[29:33] = zlib.crc32(data[12:29]).to_bytes(4, "big")
     tracemalloc.start()
     with pytest.raises(MessageError):
-        image_messages.bgr(compressed(bytes(data)))
+        read_bgr(compressed(bytes(data)))
     taken = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert taken < 1e6
@@ -295,7 +293,7 @@ SIZES = st.one_of(st.integers(0, 40), st.sampled_from([2**31, 2**32 - 1]))
 
 @settings(max_examples=300, deadline=None)
 @given(
-    st.sampled_from(sorted(ENCODINGS)),
+    st.sampled_from(sorted(PIXEL_ENCODINGS)),
     st.fixed_dictionaries({}, optional={k: SIZES for k in ("height", "width", "step")}),
     st.integers(0, 4000),
     st.booleans(),
@@ -305,7 +303,7 @@ def test_any_header_gives_an_image_or_one_clean_error(encoding, sizes, count, bi
     vars(message).update(sizes, is_bigendian=big, data=np.arange(count, dtype=np.uint32).view("u1"))
     message.data = message.data[:count]
     try:
-        found = image_messages.bgr(message)
+        found = read_bgr(message)
     except MessageError:
         return
     assert found.shape == (message.height, message.width, 3)
@@ -317,7 +315,7 @@ def test_any_damage_of_a_compressed_image_gives_an_image_or_one_clean_error(at, 
     data = bytearray(cv2.imencode(kind, COLOR)[1].tobytes())
     data[at % len(data)] = value
     try:
-        found = image_messages.bgr(compressed(bytes(data)))
+        found = read_bgr(compressed(bytes(data)))
     except MessageError:
         return
     assert found.ndim == 3 and found.shape[2] == 3
@@ -332,18 +330,18 @@ def test_png_is_lossless_in_grey_and_in_colour(height, width, seed, is_grey):
     pixels = np.random.default_rng(seed).integers(0, 256, (height, width, 3), np.uint8)
     if is_grey:
         pixels = np.repeat(pixels[..., :1], 3, 2)
-    assert np.array_equal(image_messages.from_png(image_messages.to_png(pixels)), pixels)
+    assert np.array_equal(decode_png(encode_png(pixels)), pixels)
 
 
 def test_a_grey_region_is_kept_in_one_channel():
     grey, color = (np.tile(a, (20, 20, 1)) for a in (GREY3, COLOR))
-    assert len(image_messages.to_png(grey)) < 0.5 * len(image_messages.to_png(color))
+    assert len(encode_png(grey)) < 0.5 * len(encode_png(color))
 
 
 def test_a_region_cut_out_of_an_image_is_kept_exactly():
     region = COLOR[1:4, 2:6]
-    assert np.array_equal(image_messages.from_png(image_messages.to_png(region)), region)
+    assert np.array_equal(decode_png(encode_png(region)), region)
 
 
 def test_grey_of_equal_channels_is_that_channel():
-    assert np.array_equal(image_messages.grey(GREY3), GREY)
+    assert np.array_equal(to_grey(GREY3), GREY)

@@ -3,67 +3,81 @@
 import numpy as np
 import pytest
 
-import containers
-import decode
-from calib.decoding import body_tracks, decoded_log
-from calib.geometry import se3
-from calib.io.logs import open_log
-from containers import BOARD, CONTAINERS, MS, ROBOT, TYPES
+from calib.decoding.body_tracks import build_mocap_columns
+from calib.decoding.decoded_log import build_frame_columns, decode_log, infer_stream_clocks
+from calib.geometry.se3 import pose_from_xyz_quat
+from calib.io.logs.open_log import open_log
+from containers import (
+    BOARD_BODY,
+    LOG_CONTAINERS,
+    MOCAP_TYPES,
+    NS_PER_MS,
+    ROBOT_BODY,
+    container_decode_options,
+    make_body_tracks,
+    make_container_rows,
+    write_in_container,
+)
+from decode import build_log_audit
 
-SHIPPED = [k for k in TYPES if k not in ("RigidBodies", "NamedPoseArray", "Position")]
-PLACE = ("sensor", "t", "log_t", "ordinal")
+SHIPPED = [k for k in MOCAP_TYPES if k not in ("RigidBodies", "NamedPoseArray", "Position")]
+PLACE = ("sensor", "stamp_ns", "log_time_ns", "index_at_log_time")
 
 
 def taken(log, options):
     """(columns of mocap.parquet, of frames.parquet, log.json) of a log."""
-    log = open_log.open_log(log)
-    recording = decoded_log.read(log, options)
-    clocks = decoded_log.clocks(recording)
-    poses, words = body_tracks.columns(recording, clocks, options["mocap"])
-    frames = decoded_log.frame_columns(recording.frames, clocks)
-    audit = decode.audit(options, log, recording, clocks, (poses, frames, words))
+    log = open_log(log)
+    recording = decode_log(log, options)
+    clocks = infer_stream_clocks(recording)
+    poses, words = build_mocap_columns(recording, clocks, options["mocap"])
+    frames = build_frame_columns(recording.frame_rows, clocks)
+    audit = build_log_audit(options, log, recording, clocks, (poses, frames, words))
     return poses, frames, audit
 
 
 # SQLite files of Humble and older tell nothing of types that ROS does not ship.
-MATRIX = [(c, k) for c in CONTAINERS for k in TYPES if k in SHIPPED or "no definitions" not in c]
+MATRIX = [
+    (c, k) for c in LOG_CONTAINERS for k in MOCAP_TYPES if k in SHIPPED or "no definitions" not in c
+]
 
 
 @pytest.mark.parametrize("container, kind", MATRIX)
 def test_every_container_and_type_of_motion_capture_gives_the_same_tables(
     tmp_path, container, kind
 ):
-    rows = containers.recording(kind)
-    options = containers.options(kind)
-    poses, frames, audit = taken(containers.write(container, tmp_path, rows), options)
-    t, true = containers.track()
+    rows = make_container_rows(kind)
+    options = container_decode_options(kind)
+    poses, frames, audit = taken(write_in_container(container, tmp_path, rows), options)
+    t, true = make_body_tracks()
     arrived = [r[0] for r in rows if r[1] not in ("/image", "/points")]
-    names = dict(zip((ROBOT, BOARD), TYPES[kind][2], strict=True))
+    names = dict(zip((ROBOT_BODY, BOARD_BODY), MOCAP_TYPES[kind][2], strict=True))
     assert set(poses["body"].tolist()) == set(names.values())
     coarse = kind == "Position"  # 32-bit floats, no stamp
     for body, name in names.items():
         rows_of = poses["body"] == name
-        T = se3.from_xyz_quat(poses["xyz"][rows_of], poses["quat"][rows_of])
+        T = pose_from_xyz_quat(poses["xyz"][rows_of], poses["quat"][rows_of])
         assert np.abs(T - true[body]).max() < (1e-6 if coarse else 1e-15)
         assert (poses["fault"][rows_of] == "").all()
-        log_t = poses["log_t"][rows_of]
+        log_t = poses["log_time_ns"][rows_of]
         assert set(log_t.tolist()) <= set(arrived) and len(log_t) == len(t)
-        assert (poses["t"][rows_of] == (log_t if coarse else t)).all()
+        assert (poses["stamp_ns"][rows_of] == (log_t if coarse else t)).all()
         assert audit["bodies"][name]["status"]["ok"]
     assert frames["sensor"].tolist() == ["camera"] * 7 + ["lidar"] * 7
-    assert frames["t"].tolist() == 2 * t[::3].tolist()
-    assert (frames["log_t"] - frames["t"] == [5 * MS] * 7 + [6 * MS] * 7).all()
+    assert frames["stamp_ns"].tolist() == 2 * t[::3].tolist()
+    assert (
+        frames["log_time_ns"] - frames["stamp_ns"] == [5 * NS_PER_MS] * 7 + [6 * NS_PER_MS] * 7
+    ).all()
     assert audit["sensors"]["camera"]["frame"] == "camera" and audit["faults"] == []
 
 
-@pytest.mark.parametrize("container", CONTAINERS)
+@pytest.mark.parametrize("container", LOG_CONTAINERS)
 def test_a_message_is_found_again_in_every_container(tmp_path, container):
-    log = open_log.open_log(
-        containers.write(container, tmp_path, containers.recording("TFMessage"))
+    log = open_log(write_in_container(container, tmp_path, make_container_rows("TFMessage")))
+    found = list(log.iter_messages(["/tf", "/image", "/points"]))
+    assert len(found) == 34 and [m.log_time_ns for m in found] == sorted(
+        m.log_time_ns for m in found
     )
-    found = list(log.messages(["/tf", "/image", "/points"]))
-    assert len(found) == 34 and [m.log_t for m in found] == sorted(m.log_t for m in found)
     for m in found[::5]:
-        again = log.message(m.topic, m.file, m.log_t, m.ordinal)
+        again = log.read_message_content(m.topic, m.file_index, m.log_time_ns, m.index_at_log_time)
         stamped = again.transforms[0] if m.topic == "/tf" else again
         assert stamped.header.stamp == getattr(m.content, "transforms", [m.content])[0].header.stamp

@@ -5,14 +5,19 @@ from dataclasses import replace
 import numpy as np
 
 import synthetic
-from calib.estimation import solver
-from calib.estimation.nlp.information_matrix import covariance
-from calib.geometry import se3
-from synthetic import MCS_SIGMA, setup
+from calib.estimation.nlp.information_matrix import covariance_from_information
+from calib.estimation.solver import estimate_poses
+from calib.geometry.se3 import invert_pose, relative_pose_covariance, se3_exp, se3_log
+from synthetic import MCS_SIGMA, make_synthetic_setup
 
 LAYOUT = [("board", None)] * 12
-LIMITS = {"max_rounds": 40, "tolerance_m": 1e-7, "tolerance_rad": 1e-7, "noise": 100.0}
-START = {n: T @ se3.se3_exp(np.full(6, 0.005)) for n, T in synthetic.TRUE.items()}
+LIMITS = {
+    "max_rounds": 40,
+    "tolerance_m": 1e-7,
+    "tolerance_rad": 1e-7,
+    "initial_noise_factor": 100.0,
+}
+START = {n: T @ se3_exp(np.full(6, 0.005)) for n, T in synthetic.TRUE_POSES.items()}
 COARSE = 20.0  # times the MCS noise of the other tests: 2 mm, 0.2°
 
 
@@ -21,18 +26,18 @@ def relative(apart, seed):
 
     apart: whether every placement is seen by one of the two alone.
     """
-    made = setup(seed, LAYOUT, mcs=COARSE)
-    places = [replace(p, sigma=COARSE * MCS_SIGMA) for p in made.placements]
+    made = make_synthetic_setup(seed, LAYOUT, mcs_noise_factor=COARSE)
+    places = [replace(p, mocap_sigma=COARSE * MCS_SIGMA) for p in made.placements]
     groups = made.groups
     if apart:
         groups = [g for g in groups if (g.sensor == "camera") == (g.placement % 2 == 0)]
     made = replace(made, placements=places, groups=groups)
-    result = solver.estimate(made, START, **LIMITS)
+    result = estimate_poses(made, START, **LIMITS)
     T = [result.state.T_robot_sensor[n] for n in ("camera", "lidar")]
-    true = se3.inverse(synthetic.TRUE["camera"]) @ synthetic.TRUE["lidar"]
-    joint = covariance(result.solution.information)[:12, :12]
-    spread = se3.covariance_of_relative(*T, joint)
-    return se3.se3_log(se3.inverse(true) @ se3.inverse(T[0]) @ T[1]), spread
+    true = invert_pose(synthetic.TRUE_POSES["camera"]) @ synthetic.TRUE_POSES["lidar"]
+    joint = covariance_from_information(result.solve_result.information)[:12, :12]
+    spread = relative_pose_covariance(*T, joint)
+    return se3_log(invert_pose(true) @ invert_pose(T[0]) @ T[1]), spread
 
 
 def test_a_coarse_mcs_does_not_limit_what_two_sensors_that_overlap_know_of_each_other():

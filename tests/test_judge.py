@@ -6,19 +6,30 @@ import re
 import numpy as np
 import pytest
 
-from calib.diagnosis import solution_json, suspected_errors
-from calib.estimation.corrections import correction_catalog
-from calib.geometry import se3
-from calib.io import config
+from calib.diagnosis.solution_json import solution_json
+from calib.diagnosis.suspected_errors import find_suspected_errors
+from calib.estimation.corrections.correction_catalog import list_corrections_and_shifts
+from calib.geometry.se3 import make_pose
+from calib.io.config import validate_and_complete
 from calib.io.status import OK
-from calib.verdict import findings, rig_verdict
-from synthetic import World, outline_scaled, pattern_scaled, setup, solved, zoomed
+from calib.verdict.findings import level_by_limits
+from calib.verdict.rig_verdict import rig_findings
+from synthetic import (
+    SyntheticWorld,
+    make_synthetic_setup,
+    scale_focal_length,
+    scale_outline,
+    scale_pattern,
+    solve_synthetic_setup,
+)
 
-LIMITS = config.complete("config", {"sessions": {"s": {"rig": "r", "log": "x"}}}, "x")["judge"]
+LIMITS = validate_and_complete("config", {"sessions": {"s": {"rig": "r", "log": "x"}}}, "x")[
+    "judge"
+]
 NO_OFFSET = {"time_offset_s": {"value": 0.0, "sigma": 0.05}}
 GUESS = {"frame": "f", "T_robot_sensor": None, "sigma": [1] * 6, "source": "config"} | NO_OFFSET
 KINDS = {"camera": {"kind": "camera"}, "lidar": {"kind": "lidar"}}
-OFF = se3.pose(None, [0.01, 0.0, 0.0])
+OFF = make_pose(None, [0.01, 0.0, 0.0])
 MIXED = [("board", None)] * 7 + [("cylinder", None)] * 3
 DIVERSE = ([0, 0, 1], [0, 1, 0], [0, 1, 1], [0.3, 1, -1], [0.3, -0.2, 1])
 
@@ -28,46 +39,49 @@ def content(made):
     sensors = {n: KINDS[n] for n in made.models}
     options = {"rig": "r", "sensors": sensors, "targets": {}, "sessions": ["s"]}
     known = {name: (OK, GUESS) for name in sensors}
-    result = solved(made)
-    suspected = suspected_errors.suspicions(made, result, correction_catalog.with_moves(made))
-    told = solution_json.as_json(made, result, suspected, known, options)
+    result = solve_synthetic_setup(made)
+    suspected = find_suspected_errors(made, result, list_corrections_and_shifts(made))
+    told = solution_json(made, result, suspected, known, options)
     for sensor in told["sensors"].values():
         sensor["next_view"] = None
     return told | {"repeatability": []}
 
 
 def judged(made):
-    return rig_verdict.of_rig(content(made), LIMITS)
+    return rig_findings(content(made), LIMITS)
 
 
 @pytest.fixture(scope="module")
 def clean():
-    return content(setup(0, MIXED))
+    return content(make_synthetic_setup(0, MIXED))
 
 
 def told(clean, change):
     """Findings on a clean solution after a change of it."""
     changed = copy.deepcopy(clean)
     change(changed)
-    return rig_verdict.of_rig(changed, LIMITS)
+    return rig_findings(changed, LIMITS)
 
 
 def test_a_clean_log_passes_with_nothing_to_say(clean):
-    assert rig_verdict.of_rig(clean, LIMITS) == ("pass", [], {"camera": "pass", "lidar": "pass"})
+    assert rig_findings(clean, LIMITS) == ("pass", [], {"camera": "pass", "lidar": "pass"})
 
 
 WRONG = {
-    "squares 2 % larger": (World(targets=pattern_scaled(1.02)), "squares of board"),
-    "squares 5 % larger": (World(targets=pattern_scaled(1.05)), "squares of board"),
-    "focal length 1 % longer": (World(camera=zoomed(1.01)), "focal length of camera"),
-    "frame off by 1 cm": (World(mounts={"board": OFF}), "board does not sit"),
+    "squares 2 % larger": (SyntheticWorld(targets=scale_pattern(1.02)), "squares of board"),
+    "squares 5 % larger": (SyntheticWorld(targets=scale_pattern(1.05)), "squares of board"),
+    "focal length 1 % longer": (
+        SyntheticWorld(camera=scale_focal_length(1.01)),
+        "focal length of camera",
+    ),
+    "frame off by 1 cm": (SyntheticWorld(T_body_target={"board": OFF}), "board does not sit"),
 }
 
 
 @pytest.mark.parametrize("case", WRONG)
 def test_a_wrong_size_lens_or_mount_does_not_pass_and_is_named_first(case):
     world, words = WRONG[case]
-    level, found, _ = judged(setup(0, MIXED, world))
+    level, found, _ = judged(make_synthetic_setup(0, MIXED, world))
     assert level in ("warn", "fail")
     assert found[0]["check"] == "suspicion" and words in found[0]["text"]
     assert all("more placements" not in f["remedy"] for f in found)
@@ -75,7 +89,9 @@ def test_a_wrong_size_lens_or_mount_does_not_pass_and_is_named_first(case):
 
 def test_an_outline_100_mm_too_long_does_not_pass_and_is_named():
     """Crossings of two edges lie 50 mm inside the outline; told to better than 1 mm."""
-    _, found, levels = judged(setup(0, MIXED, World(targets=outline_scaled(0.9, 1.0))))
+    _, found, levels = judged(
+        make_synthetic_setup(0, MIXED, SyntheticWorld(targets=scale_outline(0.9, 1.0)))
+    )
     assert levels == {"camera": "pass", "lidar": "warn"}
     assert found[0]["text"].startswith("probably the outline of board is not where outline_m puts")
     said = re.findall(r"edge (\d) ([\d.]+) ± ([\d.]+) mm inside", found[0]["text"])
@@ -86,7 +102,7 @@ def test_an_outline_100_mm_too_long_does_not_pass_and_is_named():
 
 
 def test_cylinders_with_parallel_axes_fail_however_many_there_are():
-    level, found, _ = judged(setup(0, [("cylinder", [0, 0, 1])] * 30))
+    level, found, _ = judged(make_synthetic_setup(0, [("cylinder", [0, 0, 1])] * 30))
     assert level == "fail"
     assert "the cylinders' common axis" in found[0]["text"]
     assert "tilted by 30° or more" in found[0]["remedy"]
@@ -96,13 +112,15 @@ def test_cylinders_that_are_parallel_to_2_degrees_fail_too():
     """The slight tilt fixes the pose on paper, by what no model of the cylinder is true to."""
     rng = np.random.default_rng(1)
     axes = [[*rng.normal(0, np.radians(1), 2), 1.0] for _ in range(12)]
-    level, found, _ = judged(setup(0, [("cylinder", a) for a in axes], noise=0.1))
+    level, found, _ = judged(
+        make_synthetic_setup(0, [("cylinder", a) for a in axes], measurement_noise_factor=0.1)
+    )
     assert level == "fail"
     assert any(f["check"] == "tilt_deg" and "tilted by 30°" in f["remedy"] for f in found)
 
 
 def test_five_diverse_cylinders_pass():
-    assert judged(setup(0, [("cylinder", axis) for axis in DIVERSE]))[0] == "pass"
+    assert judged(make_synthetic_setup(0, [("cylinder", axis) for axis in DIVERSE]))[0] == "pass"
 
 
 def test_a_large_sigma_with_a_good_fit_asks_for_views_and_says_how_many(clean):
@@ -121,7 +139,7 @@ def test_a_large_sigma_with_a_good_fit_asks_for_views_and_says_how_many(clean):
 def test_a_large_sigma_with_a_bad_fit_does_not_ask_for_views(clean):
     def spoil(s):
         s["sensors"]["camera"]["covariance"] = np.diag([1e-4] * 3 + [1e-8] * 3).tolist()
-        s["sensors"]["camera"]["fit"]["corner"]["noise_factor"] = 12.0
+        s["sensors"]["camera"]["fit"]["pattern_corner"]["noise_factor"] = 12.0
 
     _, found, _ = told(clean, spoil)
     assert [f["check"] for f in found] == ["noise_factor", "sigma_m"]
@@ -134,9 +152,9 @@ SPOILED = {
     "placements": (lambda s: s["sensors"]["lidar"].update(placements=2), "fail", 2),
     "correction_sigma": (lambda s: s["sensors"]["lidar"].update(correction=4.0), "warn", 4.0),
     "heldout": (lambda s: s["sensors"]["lidar"]["held_out"].update(ratio=5.0), "fail", 5.0),
-    "beyond": (lambda s: s["sensors"]["lidar"]["fit"]["surface"].update(beyond=0.05), "warn", 0.05),
+    "beyond": (lambda s: s["sensors"]["lidar"]["fit"]["target_surface"].update(beyond=0.05), "warn", 0.05),
     "whiteness": (
-        lambda s: s["sensors"]["lidar"]["fit"]["surface"].update(whiteness=20.0), "fail", 20.0
+        lambda s: s["sensors"]["lidar"]["fit"]["target_surface"].update(whiteness=20.0), "fail", 20.0
     ),
     "settled": (lambda s: s.update(settled=False), "warn", None),
 }  # fmt: skip
@@ -199,16 +217,16 @@ def test_a_sensor_without_a_pose_fails_with_its_own_remedy(clean):
 
 
 def test_a_value_that_is_no_number_fails():
-    assert findings.level(float("nan"), LIMITS, "sigma_m") == "fail"
+    assert level_by_limits(float("nan"), LIMITS, "sigma_m") == "fail"
 
 
 def moved(shift, prior=0.002, held=()):
     """Findings of a rig whose board was estimated elsewhere than stated, by (6,), m and rad."""
-    made = setup(0, MIXED)
+    made = make_synthetic_setup(0, MIXED)
     told = content(made)
     told["targets"] = {"board": {"shift": shift, "prior": [prior] * 3 + [0.005] * 3}}
     told["targets"]["board"]["open"] = list(held)
-    return [f for f in rig_verdict.of_rig(told, LIMITS)[1] if f["check"] == "alignment"]
+    return [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "alignment"]
 
 
 def test_a_board_estimated_6_mm_from_where_it_was_stated_to_2_mm_passes():
@@ -234,7 +252,7 @@ def test_a_board_estimated_farther_off_is_named_with_its_shift_and_what_to_write
 def test_a_clock_far_from_its_first_guess_is_told_with_what_to_write(clean, offset, level):
     late = copy.deepcopy(clean)
     late["sensors"]["lidar"]["time_offset_s"] = {"value": offset, "sigma": 1e-4}
-    found = [f for f in rig_verdict.of_rig(late, LIMITS)[1] if f["check"] == "offset_s"]
+    found = [f for f in rig_findings(late, LIMITS)[1] if f["check"] == "offset_s"]
     assert [f["level"] for f in found] == level
     assert all(f"write sensors.lidar.time_offset_s: {offset:.4f}" in f["remedy"] for f in found)
 
@@ -247,7 +265,7 @@ def test_a_sensor_that_moved_between_sessions_is_called_by_name(clean, mm, level
         row | {"session": s, "shift": [sign * mm / 1e3, 0, 0, 0, 0, 0]}
         for s, sign in (("evening", 1), ("morning", -1))
     ]
-    found = [f for f in rig_verdict.of_rig(told, LIMITS)[1] if f["check"] == "moved"]
+    found = [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "moved"]
     assert [f["level"] for f in found] == level
     assert all(f"camera sits {mm:.2g} mm and 0° elsewhere in session" in f["text"] for f in found)
     assert all(f["sensors"] == ["camera"] for f in found)
@@ -257,4 +275,4 @@ def test_sessions_that_differ_by_chance_are_none_of_the_verdict(clean):
     told = copy.deepcopy(clean)
     row = {"sensor": "camera", "session": "evening", "sigma": [1e-3] * 6, "others": 1}
     told["repeatability"] = [row | {"chance": 0.01, "shift": [0.003, 0, 0, 0, 0, 0]}]
-    assert not [f for f in rig_verdict.of_rig(told, LIMITS)[1] if f["check"] == "moved"]
+    assert not [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "moved"]

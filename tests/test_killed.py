@@ -16,6 +16,7 @@ from contextlib import contextmanager
 import pytest
 
 import runs
+from runs import SNAKEMAKE, run_snakemake, run_to_completion
 from test_reruns import digests
 
 SENSOR, SESSION, RIG = "results/sim/sim/velodyne", "results/sim/sim", "results/sim"
@@ -24,8 +25,8 @@ STAGES = {
     "decode": [f"{SESSION}/{n}" for n in ("mocap.parquet", "frames.parquet", "log.json")],
     "gate": [f"{SESSION}/placements.parquet"],
     "guess": [f"{SENSOR}/guess.json"],
-    "crop": [f"{SENSOR}/{n}.parquet" for n in ("motion", "views")],
-    "extract": [f"{SENSOR}/{n}.parquet" for n in ("tracked", "keypoints")],
+    "crop": [f"{SENSOR}/{n}.parquet" for n in ("moving_views", "views")],
+    "extract": [f"{SENSOR}/{n}.parquet" for n in ("moving_keypoints", "keypoints")],
     "associate": [f"{SESSION}/pairs.parquet"],
     "solve": [f"{RIG}/{n}" for n in ("residuals.parquet", "solution.json", "iterations.parquet")],
     "judge": [f"{RIG}/{n}" for n in ("calibration.json", "verdict.json")],
@@ -83,7 +84,7 @@ def disaster(folder, stage, script, **values):
 
 
 def command(folder, stage):
-    return [runs.SNAKEMAKE, "-s", runs.ROOT / "Snakefile", "-d", folder, "-c2", STAGES[stage][0]]
+    return [SNAKEMAKE, "-s", runs.ROOT / "Snakefile", "-d", folder, "-c2", STAGES[stage][0]]
 
 
 def require_whole(folder, finished):
@@ -103,21 +104,24 @@ KILLED = [(stage, "run") for stage in STAGES] + [("decode", "job")]
 
 @pytest.mark.parametrize(("stage", "victim"), KILLED)
 def test_a_stage_killed_while_it_writes_is_made_up_for_by_the_same_command(
-    stage, victim, finished, again, tmp_path_factory
+    stage, victim, finished_run, finished_run_copy, tmp_path_factory
 ):
-    limit, (kill, who) = max(sizes(again, stage)) // 2, VICTIMS[victim]
-    without(again, stage)
+    limit, (kill, who) = max(sizes(finished_run_copy, stage)) // 2, VICTIMS[victim]
+    without(finished_run_copy, stage)
     site = tmp_path_factory.mktemp("site")
     env = disaster(site, stage, KILL, kill=kill, victim=who, limit=limit)
     # A process group of its own, for it may die as a whole.
     ended = subprocess.run(
-        command(again, stage), env=env, stderr=subprocess.DEVNULL, start_new_session=True
+        command(finished_run_copy, stage),
+        env=env,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
     )
     assert ended.returncode == (1 if victim == "job" else -signal.SIGKILL)
-    assert pieces(again)
-    require_whole(again, finished)
-    runs.completed(again, STAGES[stage][0])
-    assert digests(again) == digests(finished) and not pieces(again)
+    assert pieces(finished_run_copy)
+    require_whole(finished_run_copy, finished_run)
+    run_to_completion(finished_run_copy, STAGES[stage][0])
+    assert digests(finished_run_copy) == digests(finished_run) and not pieces(finished_run_copy)
 
 
 @pytest.fixture(scope="module")
@@ -134,23 +138,23 @@ def namespaces():
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_disk_that_fills_is_one_clear_line_and_made_up_for_by_the_same_command(
-    stage, finished, again, namespaces, tmp_path_factory
+    stage, finished_run, finished_run_copy, namespaces, tmp_path_factory
 ):
     work = tmp_path_factory.mktemp("disk")
-    page, half = os.sysconf("SC_PAGE_SIZE"), max(sizes(again, stage)) // 2
-    without(again, stage)
+    page, half = os.sysconf("SC_PAGE_SIZE"), max(sizes(finished_run_copy, stage)) // 2
+    without(finished_run_copy, stage)
     env = disaster(work, stage, FILL, free=half // page * page)
     for name in ("mnt", "full", "after"):
         (work / name).mkdir()
-    paths = [work / "mnt", again, *(work / n / "results" for n in ("full", "after"))]
+    paths = [work / "mnt", finished_run_copy, *(work / n / "results" for n in ("full", "after"))]
     script = ["unshare", "-rm", "sh", "-c", DISK, "sh", *paths, *command(work / "mnt", stage)]
     done = subprocess.run(script, env=env, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     said = (work / "full/results.err").read_text()
     assert FULL in said and "Traceback" not in said
-    require_whole(work / "full", finished)
+    require_whole(work / "full", finished_run)
     assert not pieces(work / "full")
-    assert digests(work / "after") == digests(finished)
+    assert digests(work / "after") == digests(finished_run)
 
 
 # --- who may run beside whom
@@ -178,20 +182,22 @@ def held(folder, site, stage="judge"):
     run.wait()
 
 
-def test_a_run_beside_a_living_one_is_refused(finished, again, tmp_path_factory):
-    with held(again, tmp_path_factory.mktemp("site")) as run:
-        second = runs.snakemake(again, STAGES["judge"][0])
+def test_a_run_beside_a_living_one_is_refused(finished_run, finished_run_copy, tmp_path_factory):
+    with held(finished_run_copy, tmp_path_factory.mktemp("site")) as run:
+        second = run_snakemake(finished_run_copy, STAGES["judge"][0])
         assert second.returncode == 1 and "cannot be locked" in second.stderr
-    assert run.returncode == 0 and digests(again) == digests(finished)
+    assert run.returncode == 0 and digests(finished_run_copy) == digests(finished_run)
 
 
-def test_a_job_that_outlives_its_run_is_waited_for(finished, again, tmp_path_factory):
-    with held(again, tmp_path_factory.mktemp("site")) as run:
+def test_a_job_that_outlives_its_run_is_waited_for(
+    finished_run, finished_run_copy, tmp_path_factory
+):
+    with held(finished_run_copy, tmp_path_factory.mktemp("site")) as run:
         run.kill()
         run.wait()
-        second = runs.snakemake(again, STAGES["judge"][0])
+        second = run_snakemake(finished_run_copy, STAGES["judge"][0])
         assert second.returncode == 1 and "cannot be locked" in second.stderr
-    with (again / ".snakemake/alive").open() as alive:
+    with (finished_run_copy / ".snakemake/alive").open() as alive:
         fcntl.flock(alive, fcntl.LOCK_EX)  # until the job has ended
-    runs.completed(again, STAGES["judge"][0])
-    assert digests(again) == digests(finished)
+    run_to_completion(finished_run_copy, STAGES["judge"][0])
+    assert digests(finished_run_copy) == digests(finished_run)

@@ -9,17 +9,22 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
-from calib.geometry.se3 import pose, se3_exp, so3_exp, transform
-from calib.sensors.camera import cylinder_silhouette, subpixel_edges
-from calib.sensors.camera.camera_model import Camera
+from calib.geometry.se3 import make_pose, se3_exp, so3_exp, transform_points
+from calib.sensors.camera.camera_model import CameraModel
+from calib.sensors.camera.cylinder_silhouette import find_color_contour, find_cylinder_silhouette
+from calib.sensors.camera.subpixel_edges import refine_outline
 from calib.targets.color import Color
 from calib.targets.cylinder import Cylinder
 
 GREEN = Color.from_config({"hue_deg": [90, 150], "saturation": [0.3, 1], "value": [0.15, 1]})
 TARGET, ROD = Cylinder(0.8, 0.1), Cylinder(0.3, 0.015)
 CAMERAS = {
-    "pinhole": Camera("radtan", (802.3, 801.1, 452.6, 347.9, -0.1, 0.02, 1e-3, -5e-4), (900, 700)),
-    "fisheye": Camera("kannala_brandt", (620, 621, 448, 352, 0.02, -0.01, 3e-3, 0), (900, 700)),
+    "pinhole": CameraModel(
+        "radtan", (802.3, 801.1, 452.6, 347.9, -0.1, 0.02, 1e-3, -5e-4), (900, 700)
+    ),
+    "fisheye": CameraModel(
+        "kannala_brandt", (620, 621, 448, 352, 0.02, -0.01, 3e-3, 0), (900, 700)
+    ),
 }
 PLACES = ((0.1, 0.05, 1.9), (-0.35, 0.1, 2.0), (0.3, -0.15, 1.8))  # m, camera frame
 LEANS = ((10, 20, 80), (0, 35, -20), (0, -30, 130))  # roll, out of the image, in it, deg
@@ -31,7 +36,7 @@ def place(k):
     """T_camera_target (4, 4) of the k-th place."""
     roll, out, turn = np.deg2rad(LEANS[k])
     R = so3_exp([0, 0, turn]) @ so3_exp([0, out, 0]) @ so3_exp([roll, 0, 0])
-    return pose(R, PLACES[k])
+    return make_pose(R, PLACES[k])
 
 
 def meet(cylinder, T, d):
@@ -53,7 +58,7 @@ def meet(cylinder, T, d):
 def colors_of(d, T):
     """Colours (n, 3) seen along rays d (n, 3): cylinder, rod out of its cap at -x, two tones."""
     far = np.where((d @ [0.1, 1, 0.0] > 0.02 * d[:, 2])[:, None], SKIRT, WALL).astype(float)
-    rod = T @ pose(t=[-TARGET.length / 2 - ROD.length / 2, 0, 0])
+    rod = T @ make_pose(t=[-TARGET.length / 2 - ROD.length / 2, 0, 0])
     nearest = np.full(len(d), np.inf)
     for cylinder, T_part, paint in ((TARGET, T, PAINT), (ROD, rod, METAL)):
         t, cosine = meet(cylinder, T_part, d)
@@ -70,7 +75,7 @@ def drawn(name, k):
     Pixels beside others of another colour are means over 36 places, drawn one per cell.
     """
     camera, T = CAMERAS[name], place(k)
-    outline = camera.project(transform(T, TARGET.outline_points()))[0]
+    outline = camera.project(transform_points(T, TARGET.outline_points()))[0]
     low, high = np.rint(outline.min(0)).astype(int) - 50, np.rint(outline.max(0)).astype(int) + 50
     u, v = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
     rays = camera.unproject(np.column_stack([u.ravel(), v.ravel()]))[0]
@@ -95,13 +100,13 @@ def exposed(region, blur=0.7, noise=1.8, seed=0):
 
 def guess(k):
     """T_camera_target (4, 4) off by 3 cm and 5° per axis."""
-    error = pose(so3_exp(np.deg2rad([5, -5, 5])), [0.03, -0.03, 0.03])
+    error = make_pose(so3_exp(np.deg2rad([5, -5, 5])), [0.03, -0.03, 0.03])
     return place(k) @ error
 
 
 def find(name, k, image, offset=None):
     offset = drawn(name, k)[1] if offset is None else offset
-    return cylinder_silhouette.find(image, offset, GREEN, CAMERAS[name], TARGET, guess(k))
+    return find_cylinder_silhouette(image, offset, GREEN, CAMERAS[name], TARGET, guess(k))
 
 
 def residuals(found, camera, T):
@@ -131,7 +136,7 @@ def test_limb_rays_touch_the_true_cylinder_within_0_02_px_on_average_and_0_1_px_
     assert abs(off.mean()) < 0.02 and np.sqrt(np.mean(off**2)) < 0.1
     for side in (-1, 1):
         assert abs(off[found.side[found.side != 0] == side].mean()) < 0.02
-    assert np.count_nonzero(found.edges.settled) > 0.9 * len(found.side)
+    assert np.count_nonzero(found.edges.is_measured) > 0.9 * len(found.side)
 
 
 @pytest.mark.parametrize("k", [0, 1, 2])
@@ -168,11 +173,9 @@ def test_three_images_place_the_camera_within_0_6_mm_and_0_012_deg_from_a_wrong_
 @pytest.mark.parametrize("noise", [2.0, 6.0])
 def test_the_scatter_of_edge_points_is_what_their_sigma_says_within_a_factor_2(noise):
     region = drawn("fisheye", 2)[0]
-    outline = cylinder_silhouette.contour(exposed(region, noise=0), GREEN)
-    draws = [
-        subpixel_edges.refine(exposed(region, noise=noise, seed=s), outline) for s in range(10)
-    ]
-    settled = np.all([d.settled for d in draws], axis=0)
+    outline = find_color_contour(exposed(region, noise=0), GREEN)
+    draws = [refine_outline(exposed(region, noise=noise, seed=s), outline) for s in range(10)]
+    settled = np.all([d.is_measured for d in draws], axis=0)
     place = np.array([np.sum(d.uv * d.normal, 1)[settled] for d in draws])
     sigma = np.median([d.sigma[settled] for d in draws])
     assert 0.5 < np.median(place.std(0, ddof=1)) / sigma < 2
@@ -181,14 +184,12 @@ def test_the_scatter_of_edge_points_is_what_their_sigma_says_within_a_factor_2(n
 def test_a_mirrored_image_gives_the_mirrored_edge_to_1e_6_px():
     image = exposed(drawn("fisheye", 2)[0])
     mirrored = np.ascontiguousarray(image[:, ::-1])
-    a, b = (
-        subpixel_edges.refine(i, cylinder_silhouette.contour(i, GREEN)) for i in (image, mirrored)
-    )
+    a, b = (refine_outline(i, find_color_contour(i, GREEN)) for i in (image, mirrored))
     back = b.uv * [-1, 1] + [image.shape[1] - 1, 0]
     distance, match = cKDTree(back).query(a.uv)
     assert len(a.uv) == len(b.uv) == len(np.unique(match))
     assert distance.max() < 1e-6
-    assert np.array_equal(a.settled, b.settled[match])
+    assert np.array_equal(a.is_measured, b.is_measured[match])
 
 
 def test_hue_may_wrap_around_360_deg():
@@ -208,9 +209,9 @@ def test_hue_may_wrap_around_360_deg():
 
 def test_a_second_smaller_thing_of_the_colour_changes_nothing():
     region = drawn("pinhole", 1)[0].copy()
-    alone = cylinder_silhouette.contour(exposed(region), GREEN)
+    alone = find_color_contour(exposed(region), GREEN)
     region[5:35, 5:35] = PAINT
-    assert np.array_equal(cylinder_silhouette.contour(exposed(region), GREEN), alone)
+    assert np.array_equal(find_color_contour(exposed(region), GREEN), alone)
 
 
 def test_what_hides_a_piece_of_a_limb_takes_only_that_piece():
@@ -236,16 +237,18 @@ def test_a_blob_that_touches_the_border_is_refused_in_words():
 
 def test_a_blob_of_the_wrong_size_is_refused_with_both_areas():
     image = exposed(drawn("pinhole", 0)[0])
-    near = pose(t=[0, 0, -0.7]) @ place(0)
-    found, status = cylinder_silhouette.find(image, [0, 0], GREEN, CAMERAS["pinhole"], TARGET, near)
+    near = make_pose(t=[0, 0, -0.7]) @ place(0)
+    found, status = find_cylinder_silhouette(image, [0, 0], GREEN, CAMERAS["pinhole"], TARGET, near)
     assert found is None and "size" in status.reason
     assert "px²" in status.found and "px²" in status.expected
 
 
 def test_a_blob_that_lies_across_the_expected_axis_is_refused():
     image, offset = exposed(drawn("pinhole", 0)[0]), drawn("pinhole", 0)[1]
-    across = pose(t=place(0)[:3, 3]) @ pose(so3_exp([0, 0, 1.4])) @ pose(place(0)[:3, :3])
-    found, status = cylinder_silhouette.find(
+    across = (
+        make_pose(t=place(0)[:3, 3]) @ make_pose(so3_exp([0, 0, 1.4])) @ make_pose(place(0)[:3, :3])
+    )
+    found, status = find_cylinder_silhouette(
         image, offset, GREEN, CAMERAS["pinhole"], TARGET, across
     )
     assert found is None and "straight sides" in status.reason

@@ -27,23 +27,33 @@ import gate
 import guess
 import judge
 import recorders
-import runs
 import solve
-from calib.geometry import se3
-from calib.io import parquet_tables
-from calib.io.logs import open_log
-from calib.sensors import sensor_models
-from calib.sensors.lidar.clouds import cloud_messages, raw_cloud
-from calib.views import sensor_reader
-from simulation import config_and_truth
-from simulation.world.room_scene import TARGETS
+from calib.geometry.se3 import invert_pose, rotation_angle
+from calib.io.logs.open_log import fingerprint_log, open_log
+from calib.io.parquet_tables import select_rows
+from calib.sensors.lidar.clouds.cloud_messages import read_raw_cloud
+from calib.sensors.lidar.clouds.raw_cloud import stack_xyz
+from calib.sensors.sensor_models import with_log_metadata
+from calib.views.sensor_reader import make_frame_reader
+from containers import LOG_CONTAINERS, write_in_container
+from recorders import (
+    FOCAL_LENGTH_PX,
+    IMAGE_VARIANTS,
+    LIDAR_VARIANTS,
+    MOCAP_VARIANTS,
+    make_driver_recording,
+    record_driver_scene,
+)
+from runs import list_job_commands
+from simulation.config_and_truth import rounded_pose_json
+from simulation.world.room_scene import SIMULATED_TARGETS
 from test_intake import taken
 
 AXES = {
-    "container": list(containers.CONTAINERS),
-    "mocap": list(recorders.MOCAP),
-    "driver": list(recorders.DRIVERS),
-    "image": list(recorders.IMAGES),
+    "container": list(LOG_CONTAINERS),
+    "mocap": list(MOCAP_VARIANTS),
+    "driver": list(LIDAR_VARIANTS),
+    "image": list(IMAGE_VARIANTS),
 }
 # SQLite files of Humble and older tell nothing of types that ROS does not ship.
 OWN = {"RigidBodies", "NamedPoseArray", "Position", "livox_custom", "foxglove"}
@@ -115,42 +125,47 @@ BODIES = {"robot_body": 0, "board_body": 1}  # in the options; by their number i
 def commands(tmp_path_factory):
     """{(stage, sensor or ""): arguments}, as Snakemake makes them of a config."""
     folder = tmp_path_factory.mktemp("config")
-    known = recorders.scene()
+    known = record_driver_scene()
     zero = {"xyz_m": 1e-8, "rpy_deg": 1e-6}
     sensors = {
-        "lidar": {"kind": "lidar", "topic": recorders.POINTS, "azimuth_step_deg": 0.5,
+        "lidar": {"kind": "lidar", "topic": recorders.CLOUD_TOPIC, "azimuth_step_deg": 0.5,
                   "elevation_step_deg": 2.0, "range_sigma_m": 0.001},
-        "camera": {"kind": "camera", "topic": recorders.PIXELS, "model": "radtan",
-                   "size_px": list(recorders.SIZE), "params": list(recorders.LENS)},
+        "camera": {"kind": "camera", "topic": recorders.IMAGE_TOPIC, "model": "radtan",
+                   "size_px": list(recorders.IMAGE_SIZE_PX), "params": list(recorders.LENS_PARAMS)},
     }  # fmt: skip
-    for name, T in known.guesses.items():
-        sensors[name]["T_robot_sensor"] = config_and_truth.written_pose(T)
-    mocap = {"topics": ["/tf"], "map": containers.MAP, "pose_sigma": zero, "pose_bias_sigma": zero}
+    for name, T in known.guess_poses.items():
+        sensors[name]["T_robot_sensor"] = rounded_pose_json(T)
+    mocap = {
+        "topics": ["/tf"],
+        "map": containers.MAP_FRAME,
+        "pose_sigma": zero,
+        "pose_bias_sigma": zero,
+    }
     written = {
         "config.yaml": {
             "sessions": {"matrix": {"rig": "matrix", "log": "a.mcap"}},
             "crop": {"max_frames": 3, "max_moving": 4},
         },
         "rigs/matrix.yaml": {"body": "robot_body", "mocap": mocap, "sensors": sensors},
-        "targets/panel.yaml": TARGETS["board"] | {"body": "board_body"},
+        "targets/panel.yaml": SIMULATED_TARGETS["board"] | {"body": "board_body"},
     }
     for path, content in written.items():
         path = folder / "config" / path
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(yaml.safe_dump(content))
-    containers.write("mcap, zstd", folder, recorders.rows("TFMessage", "velodyne", "bgr8"))
-    return runs.commands(folder)
+    write_in_container("mcap, zstd", folder, make_driver_recording("TFMessage", "velodyne", "bgr8"))
+    return list_job_commands(folder)
 
 
 def options(command, kind, driver, log):
     """The options of a command for a log with that kind of motion capture and lidar."""
-    _, topics, names = recorders.MOCAP[kind]
+    _, topics, names = MOCAP_VARIANTS[kind]
     given = _renamed(json.loads(command[-1]), names)
     if driver == "laserscan":
         given = _flat(given)
     given |= {"log": log} if "log" in given else {}
     if "fingerprint" in given:
-        given |= {"fingerprint": open_log.fingerprint(log)}
+        given |= {"fingerprint": fingerprint_log(log)}
         given["mocap"] |= {"topics": topics}
     return given
 
@@ -200,17 +215,17 @@ def streams(log, given, sensors):
     """{axis: digest} of what decode makes of each stream: poses and stamps; points, rings and
     times; pixels. given: the options of decode; sensors: their blocks of the rig."""
     columns, frames, audit = taken(log, given)
-    bodies = [parquet_tables.select(columns, columns["body"] == body) for body in given["bodies"]]
-    out = {"mocap": _digest(*(b[k] for b in bodies for k in ("t", "xyz", "quat", "fault")))}
-    opened = open_log.open_log(log)
+    bodies = [select_rows(columns, columns["body"] == body) for body in given["bodies"]]
+    out = {"mocap": _digest(*(b[k] for b in bodies for k in ("stamp_ns", "xyz", "quat", "fault")))}
+    opened = open_log(log)
     for name, axis in (("lidar", "driver"), ("camera", "image")):
         assert audit["sensors"][name]["status"]["ok"]
-        mine = parquet_tables.select(frames, frames["sensor"] == name)
-        block = sensor_models.heard(sensors[name], audit["sensors"][name])
-        read = sensor_reader.reader(opened, block, mine)
-        content = [read(i) for i in range(len(mine["t"]))]
+        mine = select_rows(frames, frames["sensor"] == name)
+        block = with_log_metadata(sensors[name], audit["sensors"][name])
+        read = make_frame_reader(opened, block, mine)
+        content = [read(i) for i in range(len(mine["stamp_ns"]))]
         content = [a for c in content for a in (c if isinstance(c, tuple) else (c,))]
-        out[axis] = _digest(mine["t"], *content)
+        out[axis] = _digest(mine["stamp_ns"], *content)
     return out
 
 
@@ -223,7 +238,7 @@ def found(commands):
     def of(cell, to_the_end=False):
         with tempfile.TemporaryDirectory() as folder:
             container, *recorded = cell
-            log = containers.write(container, Path(folder), recorders.rows(*recorded))
+            log = write_in_container(container, Path(folder), make_driver_recording(*recorded))
             if to_the_end:
                 return poses(calibrated(folder, commands, *recorded[:2], log))
             given = options(commands["decode", ""], *recorded[:2], log)
@@ -240,8 +255,8 @@ def poses(calibration):
 
 def off(one, other):
     """By how much two poses (4, 4) differ: the larger of m and rad."""
-    T = se3.inverse(one) @ other
-    return max(np.linalg.norm(T[:3, 3]), se3.angle(T[:3, :3]))
+    T = invert_pose(one) @ other
+    return max(np.linalg.norm(T[:3, 3]), rotation_angle(T[:3, :3]))
 
 
 def name(cell):
@@ -259,10 +274,14 @@ def test_every_possible_pair_of_values_is_in_a_cell_and_every_value_in_one_that_
 
 @pytest.mark.parametrize("cell", WHOLE, ids=name)
 def test_the_pipeline_ends_in_the_same_extrinsics(found, cell):
-    got, reference, true = found(cell, True), found(REFERENCE, True), recorders.scene().sensors
+    got, reference, true = (
+        found(cell, True),
+        found(REFERENCE, True),
+        record_driver_scene().T_robot_sensor,
+    )
     assert off(reference["lidar"], got["lidar"]) < 1e-6
     assert off(true["lidar"], got["lidar"]) < 1e-6
-    limit = LOSSY.get(cell[3], 0.0) * AWAY_M / recorders.FOCUS
+    limit = LOSSY.get(cell[3], 0.0) * AWAY_M / FOCAL_LENGTH_PX
     assert off(reference["camera"], got["camera"]) < 1e-6 + limit
     assert off(true["camera"], got["camera"]) < 2e-4 + limit
 
@@ -279,12 +298,11 @@ def test_every_stream_of_a_cell_is_that_of_a_cell_which_goes_to_the_end(found, c
 
 
 def test_points_of_a_laserscan_are_those_of_a_cloud_of_the_same_beam_to_a_micrometre():
-    ((t, echoes), *_) = recorders.scene().flat
+    ((t, echoes), *_) = record_driver_scene().single_beam_scans
     scan, cloud = (
-        cloud_messages.read(recorders.DRIVERS[driver](t, echoes))
-        for driver in (ONE_LINE, "velodyne")
+        read_raw_cloud(LIDAR_VARIANTS[driver](t, echoes)) for driver in (ONE_LINE, "velodyne")
     )
-    one, other = raw_cloud.xyz(scan), raw_cloud.xyz(cloud)
+    one, other = stack_xyz(scan), stack_xyz(cloud)
     assert len(one) == len(other) > 100
     assert np.abs(one - other).max() < 1e-6
 

@@ -10,22 +10,51 @@ import pytest
 import yaml
 from scipy.spatial import cKDTree
 
-from calib.estimation import estimate_state, estimation_problem, problem_assembly, solver
-from calib.estimation.residuals import nearest_point, residual_registry, template_silhouette
+from calib.estimation.estimate_state import initial_state
+from calib.estimation.estimation_problem import MeasurementGroup, Placement, Setup
+from calib.estimation.problem_assembly import iteration_limits
+from calib.estimation.residuals import template_silhouette
 from calib.estimation.residuals.assignment import Noise
-from calib.extraction import camera_keypoints, extraction_inputs, lidar_keypoints
-from calib.geometry import icp, polygon, se3
-from calib.io import config
+from calib.estimation.residuals.nearest_point import template_point_residual
+from calib.estimation.residuals.residual_registry import (
+    RESIDUAL_KINDS,
+    first_assignment,
+    uses_template_points,
+)
+from calib.estimation.residuals.template_silhouette import find_rim_points
+from calib.estimation.solver import count_reassignments, estimate_mocap_factor, estimate_poses
+from calib.extraction.camera_keypoints import extract_color_contour
+from calib.extraction.extraction_inputs import ExtractionContext
+from calib.extraction.lidar_keypoints import extract_template_keypoints
+from calib.geometry.icp import register_template_icp
+from calib.geometry.polygon import polygon_contains, sample_polygon_outline, signed_polygon_distance
+from calib.geometry.se3 import (
+    invert_pose,
+    make_pose,
+    pose_from_rpy,
+    se3_exp,
+    se3_log,
+    so3_exp,
+    transform_points,
+)
+from calib.io.config import load_config, validate_and_complete
 from calib.io.status import InputError
-from calib.sensors.camera.camera_model import Camera
-from calib.sensors.lidar import lidar_model
-from calib.targets import cylinder, point_template, target_shapes, template_cloud
+from calib.sensors.camera.camera_model import CameraModel
+from calib.sensors.lidar.lidar_model import LidarModel
 from calib.targets.board import Board
 from calib.targets.color import Color
+from calib.targets.cylinder import Cylinder
+from calib.targets.point_template import (
+    PointTemplate,
+    point_template_from_config,
+    read_template_file,
+)
+from calib.targets.target_shapes import target_from_config
+from calib.targets.template_cloud import TemplateCloud
 
 SPACING = 0.005  # m
-LIDAR = lidar_model.Lidar(np.radians(0.2), np.radians(2.0), None, None, (0.3, 100.0), 0.01)
-PINHOLE = Camera("radtan", (800.0, 800.0, 449.5, 349.5, 0, 0, 0, 0), (900, 700))
+LIDAR = LidarModel(np.radians(0.2), np.radians(2.0), None, None, (0.3, 100.0), 0.01)
+PINHOLE = CameraModel("radtan", (800.0, 800.0, 449.5, 349.5, 0, 0, 0, 0), (900, 700))
 GATE = {"gate_sigma": 6.0}
 SQUARE = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
 DIAMOND = np.array([[0.7, 0], [0, 0.7], [-0.7, 0], [0, -0.7]])
@@ -38,19 +67,19 @@ every_spacing = pytest.mark.parametrize("spacing", [0.005, 0.03])
 def by_points(shape, spacing=SPACING, keypoints="all"):
     """A shape that is compared by a template made from it."""
     block = {"spacing_m": spacing, "keypoints": keypoints}
-    return replace(shape, points=point_template.from_config(block, shape))
+    return replace(shape, point_template=point_template_from_config(block, shape))
 
 
 BOARD = by_points(Board(SQUARE, 0.0, None))
-CYLINDER = by_points(cylinder.Cylinder(0.8, 0.1))
+CYLINDER = by_points(Cylinder(0.8, 0.1))
 # A board 2 m ahead that faces the sensor, which looks along x, but for a turn.
 FACING = np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]])
-T_BOARD = se3.pose(se3.so3_exp([0.1, -0.2, 0.3]) @ FACING, [2, 0.1, 0.5])
+T_BOARD = make_pose(so3_exp([0.1, -0.2, 0.3]) @ FACING, [2, 0.1, 0.5])
 
 
 def off(T, T_true):
     """Translation (3,), mm, and rotation (3,), deg, of T seen from the true pose."""
-    xi = se3.se3_log(se3.inverse(T_true) @ T)
+    xi = se3_log(invert_pose(T_true) @ T)
     return xi[:3] * 1e3, np.degrees(xi[3:])
 
 
@@ -60,12 +89,12 @@ def off(T, T_true):
 @every_outline
 @every_spacing
 def test_the_template_of_a_board_covers_it_and_ends_where_it_ends(outline, spacing):
-    template = Board(outline, 0.01, None).template(spacing)
+    template = Board(outline, 0.01, None).sample_surface(spacing)
     assert (template[:, 2] == 0).all()
-    assert polygon.signed_distance(outline, template[:, :2]).max() < 1e-12
+    assert signed_polygon_distance(outline, template[:, :2]).max() < 1e-12
     assert cKDTree(template[:, :2]).query(outline)[0].max() < 1e-12
     inside = np.random.default_rng(0).uniform(outline.min(0), outline.max(0), (2000, 2))
-    inside = inside[polygon.contains(outline, inside)]
+    inside = inside[polygon_contains(outline, inside)]
     assert cKDTree(template[:, :2]).query(inside)[0].max() <= spacing
     assert cKDTree(template).query(template, k=2)[0].max() <= spacing + 1e-12
 
@@ -75,7 +104,7 @@ def test_the_template_of_a_board_covers_it_and_ends_where_it_ends(outline, spaci
 def test_points_along_an_outline_are_at_most_the_spacing_apart_and_hold_its_corners(
     outline, spacing
 ):
-    found = polygon.along(outline, spacing)
+    found = sample_polygon_outline(outline, spacing)
     steps = np.linalg.norm(np.roll(found, -1, 0) - found, axis=1)
     assert steps.max() <= spacing + 1e-12
     assert cKDTree(found).query(outline)[0].max() < 1e-12
@@ -84,7 +113,7 @@ def test_points_along_an_outline_are_at_most_the_spacing_apart_and_hold_its_corn
 @every_spacing
 def test_the_template_of_a_cylinder_lies_on_its_side_and_caps_and_covers_both(spacing):
     half, radius = 0.4, 0.1
-    template = cylinder.Cylinder(2 * half, radius).template(spacing)
+    template = Cylinder(2 * half, radius).sample_surface(spacing)
     away, along = np.hypot(*template[:, 1:].T), np.abs(template[:, 0])
     on_side = (np.abs(away - radius) < 1e-12) & (along <= half)
     on_cap = (np.abs(along - half) < 1e-12) & (away <= radius)
@@ -100,12 +129,12 @@ def test_the_template_of_a_cylinder_lies_on_its_side_and_caps_and_covers_both(sp
 
 def test_the_shape_that_config_describes_gets_its_template_only_where_it_asks_for_points():
     block = {"shape": "cylinder", "length_m": 0.8, "radius_m": 0.1}
-    assert target_shapes.from_config(block).points is None
+    assert target_from_config(block).point_template is None
     asked = block | {"method": "points", "points": {"keypoints": "all", "spacing_m": 0.02}}
-    found = target_shapes.from_config(asked).points
-    assert np.array_equal(found.template, cylinder.Cylinder(0.8, 0.1).template(0.02))
-    assert (found.spacing, found.keypoints) == (0.02, "all")
-    assert target_shapes.from_config(asked | {"method": "surface"}).points is None
+    found = target_from_config(asked).point_template
+    assert np.array_equal(found.xyz, Cylinder(0.8, 0.1).sample_surface(0.02))
+    assert (found.spacing, found.keypoint_mode) == (0.02, "all")
+    assert target_from_config(asked | {"method": "surface"}).point_template is None
 
 
 # --- templates from files
@@ -124,40 +153,40 @@ def written(path, template):
 @pytest.mark.parametrize("ending, digits", [("ply", 1e-15), ("pcd", 1e-7)])
 def test_a_template_is_read_back_as_it_was_written(tmp_path, ending, digits):
     """PLY holds doubles, PCD floats."""
-    template = CYLINDER.template(0.05)
+    template = CYLINDER.sample_surface(0.05)
     path = written(tmp_path / f"rod.{ending}", template)
-    found = point_template.read(path)
+    found = read_template_file(path)
     assert len(found) == len(template)
     assert cKDTree(found).query(template)[0].max() < digits
     block = {"template_file": str(path), "spacing_m": 9.0, "keypoints": "all"}
-    found = point_template.from_config(block, None)
+    found = point_template_from_config(block, None)
     between = np.median(cKDTree(template).query(template, k=2)[0][:, 1])
     assert found.spacing == pytest.approx(between, abs=1e-6)  # the file's, not the stated
 
 
 def test_a_template_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"none\.ply: no such template; points\.template_file"):
-        point_template.read(tmp_path / "none.ply")
+        read_template_file(tmp_path / "none.ply")
 
 
 @pytest.mark.parametrize("name", ["empty.ply", "empty.pcd", "empty.stl"])
 def test_an_empty_file_is_no_template(tmp_path, name):
     (tmp_path / name).write_text("")
     with pytest.raises(InputError, match=rf"{name}: 0 points.*as \.pcd or \.ply"):
-        point_template.read(tmp_path / name)
+        read_template_file(tmp_path / name)
 
 
 def test_three_points_are_no_template(tmp_path):
     with pytest.raises(InputError, match="few.ply: 3 points"):
-        point_template.read(written(tmp_path / "few.ply", np.eye(3)))
+        read_template_file(written(tmp_path / "few.ply", np.eye(3)))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_template_with_a_point_that_is_nowhere_is_refused(tmp_path, bad):
-    template = CYLINDER.template(0.1)
+    template = CYLINDER.sample_surface(0.1)
     template[3, 1] = bad
     with pytest.raises(InputError, match="bad.ply: .* points, or some not finite; expected"):
-        point_template.read(written(tmp_path / "bad.ply", template))
+        read_template_file(written(tmp_path / "bad.ply", template))
 
 
 # --- config
@@ -173,7 +202,7 @@ sensors: {lidar: {kind: lidar, topic: /points}}
 
 
 def complete(target):
-    return config.complete("target", copy.deepcopy(target), "t.yaml")
+    return validate_and_complete("target", copy.deepcopy(target), "t.yaml")
 
 
 def refusal(target):
@@ -233,7 +262,7 @@ def folder(tmp_path):
 def loaded(folder):
     """The `points` block of the folder's target."""
     content = {"sessions": {"s": {"rig": "r", "log": "x.mcap"}}}
-    return config.load(content, str(folder / "config"))[2]["chair"]["points"]
+    return load_config(content, str(folder / "config"))[2]["chair"]["points"]
 
 
 def test_a_template_that_is_not_there_is_refused_on_loading_with_its_path(folder):
@@ -255,18 +284,18 @@ def test_a_template_is_known_by_its_content_whatever_its_age(folder):
 
 
 def test_what_was_loaded_makes_the_target_of_its_template(folder):
-    template = CYLINDER.template(0.05)
+    template = CYLINDER.sample_surface(0.05)
     written(folder / "chair.ply", template)
     block = CLOUD | {"points": loaded(folder)}
-    found = target_shapes.from_config(block)
-    assert isinstance(found, template_cloud.Cloud)
-    assert cKDTree(found.points.template).query(template)[0].max() < 1e-15
+    found = target_from_config(block)
+    assert isinstance(found, TemplateCloud)
+    assert cKDTree(found.point_template.xyz).query(template)[0].max() < 1e-15
 
 
 def test_points_that_a_template_file_holds_twice_count_once(tmp_path):
-    template = CYLINDER.template(0.05)
+    template = CYLINDER.sample_surface(0.05)
     path = written(tmp_path / "twice.ply", np.concatenate([template, template]))
-    assert len(point_template.read(path)) == len(template)
+    assert len(read_template_file(path)) == len(template)
 
 
 # --- ICP
@@ -286,8 +315,10 @@ def side(n, spread, seed=0):
 
 def laid(target, q, error):
     """off() of the template that ICP lays on returns at q (n, 3) from a start that is off."""
-    start = T_BOARD @ se3.se3_exp(error)
-    return off(icp.icp(target.points, se3.transform(T_BOARD, q), start), T_BOARD)
+    start = T_BOARD @ se3_exp(error)
+    return off(
+        register_template_icp(target.point_template, transform_points(T_BOARD, q), start), T_BOARD
+    )
 
 
 @pytest.mark.parametrize(
@@ -329,22 +360,22 @@ def test_icp_with_nothing_near_leaves_the_pose_alone():
 
 def extracted(q, keypoints, error=(0,) * 6, min_points=20):
     """(keypoint columns, status) of returns at q (n, 3) on the board, one view."""
-    p, n = se3.transform(T_BOARD, q), len(q)
-    views = {"view": [0], "t": [0], "target": ["board"], "placement": [0]}
-    views |= {"dt": [np.zeros(n, int)], "ring": [np.zeros(n, int)]}
-    target = replace(BOARD, points=replace(BOARD.points, keypoints=keypoints))
-    place = estimation_problem.Placement("s", "board", T_BOARD, np.eye(4), np.zeros(6))
+    p, n = transform_points(T_BOARD, q), len(q)
+    views = {"view": [0], "stamp_ns": [0], "target": ["board"], "placement": [0]}
+    views |= {"point_time_ns": [np.zeros(n, int)], "ring": [np.zeros(n, int)]}
+    target = replace(BOARD, point_template=replace(BOARD.point_template, keypoint_mode=keypoints))
+    place = Placement("s", "board", T_BOARD, np.eye(4), np.zeros(6))
     options = {"min_points": min_points}
-    T_guess = T_BOARD @ se3.inverse(T_BOARD @ se3.se3_exp(error))
+    T_guess = T_BOARD @ invert_pose(T_BOARD @ se3_exp(error))
     parts = ("lidar", LIDAR, {"board": target}, {0: place}, T_guess, None, None, options, {}, {})
-    return lidar_keypoints.by_template(extraction_inputs.Job(*parts), views, 0, p, np.arange(n))
+    return extract_template_keypoints(ExtractionContext(*parts), views, 0, p, np.arange(n))
 
 
 def test_all_returns_near_the_template_are_keypoints_with_the_noise_of_both():
     q = np.concatenate([face(100), [[0, 0, 0.5], [0, 0, -0.3]]])
     columns, status = extracted(q, "all")
-    assert status.ok and set(columns["kind"]) == {"point"}
-    assert np.abs(columns["xyz"] - se3.transform(T_BOARD, q[:100])).max() < 1e-12
+    assert status.ok and set(columns["kind"]) == {"template_point"}
+    assert np.abs(columns["xyz"] - transform_points(T_BOARD, q[:100])).max() < 1e-12
     assert columns["sigma"] == pytest.approx(np.full(100, np.hypot(0.01, SPACING)))
 
 
@@ -355,8 +386,8 @@ def test_fewer_returns_near_the_template_than_are_asked_for_are_too_few():
 
 def test_the_corners_that_icp_laid_on_a_whole_board_are_near_its_own():
     columns, status = extracted(face(900), "corners", (0.003, 0.003, 0.02, 0.02, 0.02, 0))
-    assert status.ok and set(columns["kind"]) == {"vertex"}
-    found = se3.transform(se3.inverse(T_BOARD), columns["xyz"])
+    assert status.ok and set(columns["kind"]) == {"template_vertex"}
+    found = transform_points(invert_pose(T_BOARD), columns["xyz"])
     away = np.abs(found - BOARD.outline_points()).max(0)
     assert away[2] < 1e-4 and away[:2].max() < 0.005  # in the plane about as it started
     assert columns["sigma"] == pytest.approx(np.full(4, np.hypot(0.01, SPACING)))
@@ -369,60 +400,72 @@ def test_a_return_off_the_template_spoils_the_corners():
 
 def test_all_of_a_contour_is_measured_where_a_target_is_compared_by_points():
     """Not its straight sides alone: the caps tell how far along its axis a cylinder lies."""
-    T = se3.pose(se3.so3_exp([0, 0.3, 0.4]), [0, 0, 2])
-    uv, _ = PINHOLE.project(se3.transform(T, CYLINDER.points.template))
+    T = make_pose(so3_exp([0, 0.3, 0.4]), [0, 0, 2])
+    uv, _ = PINHOLE.project(transform_points(T, CYLINDER.point_template.xyz))
     image = np.full((700, 900, 3), 120, np.uint8)
     hull = cv2.convexHull((16 * uv).round().astype(np.int32))
     cv2.fillConvexPoly(image, hull, (40, 180, 40), cv2.LINE_AA, 4)
     color = {"hue_deg": [90, 150], "saturation": [0.3, 1], "value": [0.15, 1]}
     found = {}
-    for target in (CYLINDER, replace(CYLINDER, points=None)):
+    for target in (CYLINDER, replace(CYLINDER, point_template=None)):
         target = replace(target, color=Color.from_config(color))
-        place = estimation_problem.Placement("s", "rod", T, np.eye(4), np.zeros(6))
+        place = Placement("s", "rod", T, np.eye(4), np.zeros(6))
         parts = ("camera", PINHOLE, {"rod": target}, {0: place}, np.eye(4), None, None, {}, {}, {})
-        views = {"view": [0], "t": [0], "target": ["rod"], "placement": [0], "u0": [0], "v0": [0]}
-        columns, status = camera_keypoints.contour(extraction_inputs.Job(*parts), views, 0, image)
+        views = {
+            "view": [0],
+            "stamp_ns": [0],
+            "target": ["rod"],
+            "placement": [0],
+            "u0": [0],
+            "v0": [0],
+        }
+        columns, status = extract_color_contour(ExtractionContext(*parts), views, 0, image)
         assert status.ok
         found[columns["kind"][0]] = columns["uv"]
-    ends, _ = PINHOLE.project(se3.transform(T, np.array([[0.4, 0, 0], [-0.4, 0, 0]])))
+    ends, _ = PINHOLE.project(transform_points(T, np.array([[0.4, 0, 0], [-0.4, 0, 0]])))
     reached = {k: cKDTree(v).query(ends)[0].max() for k, v in found.items()}
-    assert set(found) == {"silhouette", "limb"}
-    assert len(found["silhouette"]) > len(found["limb"])
-    assert reached["silhouette"] < 20 < reached["limb"]  # px, from the middle of a cap
+    assert set(found) == {"template_silhouette", "cylinder_limb"}
+    assert len(found["template_silhouette"]) > len(found["cylinder_limb"])
+    assert (
+        reached["template_silhouette"] < 20 < reached["cylinder_limb"]
+    )  # px, from the middle of a cap
 
 
 # --- pairs of nearest points
 
 
 def test_three_kinds_are_measured_against_the_nearest_point():
-    assert {k for k in residual_registry.KINDS if residual_registry.by_nearest_point(k)} == {
-        "point",
-        "vertex",
-        "silhouette",
+    assert {k for k in RESIDUAL_KINDS if uses_template_points(k)} == {
+        "template_point",
+        "template_vertex",
+        "template_silhouette",
     }
-    for name, kind in residual_registry.KINDS.items():
-        assert residual_registry.first(name) is (
-            kind.first if residual_registry.by_nearest_point(name) else kind.assign
+    for name, kind in RESIDUAL_KINDS.items():
+        assert first_assignment(name) is (
+            kind.assign_first if uses_template_points(name) else kind.assign
         )
 
 
-CORNERS = replace(BOARD, points=replace(BOARD.points, keypoints="corners"))
+CORNERS = replace(BOARD, point_template=replace(BOARD.point_template, keypoint_mode="corners"))
 COARSE = by_points(Board(CONCAVE, 0.0, None), 0.04)
-PAIRED = {"point": (COARSE, COARSE.points.template), "vertex": (CORNERS, CORNERS.outline_points())}
+PAIRED = {
+    "template_point": (COARSE, COARSE.point_template.xyz),
+    "template_vertex": (CORNERS, CORNERS.outline_points()),
+}
 paired = pytest.mark.parametrize("kind", PAIRED)
 
 
 def pairs(kind, q, T_guess, first=False, sigma=0.01):
     """The Assignment of points at q (n, 3) on the target at T_BOARD."""
-    keypoints = {"xyz": se3.transform(T_BOARD, q), "sigma": np.full(len(q), sigma)}
-    function = residual_registry.first(kind) if first else residual_registry.KINDS[kind].assign
+    keypoints = {"xyz": transform_points(T_BOARD, q), "sigma": np.full(len(q), sigma)}
+    function = first_assignment(kind) if first else RESIDUAL_KINDS[kind].assign
     return function(LIDAR, PAIRED[kind][0], T_guess, keypoints, GATE, Noise(1.0, 0.0))
 
 
 def same(kind, found):
     """Share of the target's points, all measured in order, that are paired with themselves."""
     own = PAIRED[kind][1]
-    return np.mean(np.linalg.norm(found.numbers[:, 3:6] - own, axis=1) < 1e-12)
+    return np.mean(np.linalg.norm(found.data[:, 3:6] - own, axis=1) < 1e-12)
 
 
 @paired
@@ -430,19 +473,19 @@ def same(kind, found):
 def test_the_points_of_a_target_where_they_are_belong_to_themselves_without_residual(kind, first):
     found = pairs(kind, PAIRED[kind][1], T_BOARD, first)
     assert same(kind, found) == 1
-    assert np.abs(found.value).max() < 1e-12 and (found.feature >= 0).all()
+    assert np.abs(found.residual).max() < 1e-12 and (found.feature >= 0).all()
 
 
 @paired
 def test_the_first_pass_lays_the_centroids_on_each_other(kind):
     """A guess 0.9 m aside pairs every point with another; the residual stays that of the guess."""
     shift = np.array([0.9, 0, 0, 0, 0, 0])
-    guess = T_BOARD @ se3.se3_exp(shift)
+    guess = T_BOARD @ se3_exp(shift)
     q = PAIRED[kind][1]
     assert same(kind, pairs(kind, q, guess, sigma=1.0)) < 0.7
     found = pairs(kind, q, guess, first=True, sigma=1.0)
     assert same(kind, found) == 1
-    assert found.value == pytest.approx(np.tile(-shift[:3], (len(q), 1)), abs=1e-12)
+    assert found.residual == pytest.approx(np.tile(-shift[:3], (len(q), 1)), abs=1e-12)
 
 
 @paired
@@ -452,13 +495,13 @@ def test_a_point_beyond_the_gate_belongs_to_nothing(kind):
     q[0, 2] = 0.061
     found = pairs(kind, q, T_BOARD, sigma=0.01)
     assert found.feature[0] == -1 and (found.feature[1:] >= 0).all()
-    assert found.data[-1, 0] == 0 and (found.data[-1, 1:] == 100).all()
+    assert found.weighted_data[-1, 0] == 0 and (found.weighted_data[-1, 1:] == 100).all()
 
 
 def test_the_residual_is_the_measured_point_minus_that_of_the_target_over_sigma():
     """Equation 2: R (1, 2, 3) is (-2, 1, 3) for a quarter turn about z."""
-    R, t = se3.so3_exp([0, 0, np.pi / 2]), np.array([10, 20, 30])
-    found = nearest_point.residual(R, t, np.array([8.5, 21, 32.9, 1, 2, 3, 10]))
+    R, t = so3_exp([0, 0, np.pi / 2]), np.array([10, 20, 30])
+    found = template_point_residual(R, t, np.array([8.5, 21, 32.9, 1, 2, 3, 10]))
     assert np.asarray(found).reshape(-1) == pytest.approx([5, 0, -1], abs=1e-12)
 
 
@@ -467,11 +510,11 @@ def test_the_residual_is_the_measured_point_minus_that_of_the_target_over_sigma(
 
 def border(size):
     """A rectangle (n, 2), px, of points 1 px apart, turned; and the depth of points inside it."""
-    R = se3.so3_exp([0, 0, 0.4])[:2, :2]
+    R = so3_exp([0, 0, 0.4])[:2, :2]
     u, v = (np.arange(-s / 2, s / 2 + 0.1) for s in size)
     uv = np.stack(np.meshgrid(u, v), -1).reshape(-1, 2)
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array(size) / 2
-    return uv @ R.T, lambda p: -polygon.signed_distance(corners @ R.T, p)
+    return uv @ R.T, lambda p: -signed_polygon_distance(corners @ R.T, p)
 
 
 def disc(radius):
@@ -487,7 +530,7 @@ DENSE = {"rectangle": border((80, 50)), "disc": disc(30.0), "small disc": disc(5
 @pytest.mark.parametrize("scale", [1.0, 0.02, 7.0])
 def test_the_rim_of_points_that_lie_densely_is_their_border(name, scale):
     uv, depth = DENSE[name]
-    rim = uv[template_silhouette.rim(scale * uv + [300, 200], scale)]
+    rim = uv[find_rim_points(scale * uv + [300, 200], scale)]
     assert depth(rim).max() < 1.5
     around = rim[np.argsort(np.arctan2(*rim.T))]
     assert np.linalg.norm(np.roll(around, -1, 0) - around, axis=1).max() < 4
@@ -496,7 +539,7 @@ def test_the_rim_of_points_that_lie_densely_is_their_border(name, scale):
 def test_a_hole_inside_is_no_rim():
     uv, depth = DENSE["disc"]
     ring = uv[np.linalg.norm(uv, axis=1) > 15]
-    assert depth(ring[template_silhouette.rim(ring, 1.0)]).max() < 1.5
+    assert depth(ring[find_rim_points(ring, 1.0)]).max() < 1.5
 
 
 VIEWS = {
@@ -510,14 +553,14 @@ VIEWS = {
 def seen(view, target):
     """Template points (n, 3) on the silhouette of a cylinder, and how far off its limbs, m."""
     at, turn = VIEWS[view]
-    T = se3.pose(se3.so3_exp(np.radians(turn)), at)
-    uv, valid = PINHOLE.project(se3.transform(T, target.points.template))
-    assert valid.all() and PINHOLE.in_image(uv).all()
+    T = make_pose(so3_exp(np.radians(turn)), at)
+    uv, valid = PINHOLE.project(transform_points(T, target.point_template.xyz))
+    assert valid.all() and PINHOLE.is_in_image(uv).all()
     keypoints = {"view": np.zeros(len(uv), int), "uv": uv, "sigma": np.full(len(uv), 1e3)}
     found = template_silhouette.assign(PINHOLE, target, T, keypoints, GATE, Noise(1.0, 0.0))
-    q = target.points.template[np.unique(found.feature)]
+    q = target.point_template.xyz[np.unique(found.feature)]
     # The planes through the camera that touch the side have the normals (0, cos, sin) of these.
-    _, y, z = se3.inverse(T)[:3, 3]
+    _, y, z = invert_pose(T)[:3, 3]
     touching = np.arctan2(z, y) + np.outer([1, -1], np.arccos(0.1 / np.hypot(y, z)))
     normals = np.column_stack([np.cos(touching), np.sin(touching)])
     return q, np.abs(q[:, 1:] @ normals.T - 0.1).min(1)
@@ -535,7 +578,7 @@ def test_the_silhouette_of_a_cylinder_is_its_limbs_to_0_05_mm_on_average_and_its
 @pytest.mark.parametrize("view", VIEWS)
 def test_the_silhouette_of_a_coarse_template_goes_all_the_way_round(view):
     """Of lines 2 cm apart, the outermost is at most 0.5 mm inside the limb."""
-    q, away = seen(view, by_points(cylinder.Cylinder(0.8, 0.1), 0.02))
+    q, away = seen(view, by_points(Cylinder(0.8, 0.1), 0.02))
     on_side = np.abs(q[:, 0]) < 0.4 - 1e-9
     assert away[on_side].max() < 1e-3
     assert np.diff(np.unique(q[:, 0])).max() < 0.1  # m, along the axis, from cap to cap
@@ -544,43 +587,43 @@ def test_the_silhouette_of_a_coarse_template_goes_all_the_way_round(view):
 
 def contour_of(T):
     """Pixels (n, 2) of the silhouette of the cylinder, as keypoints, and its template points."""
-    rows, uv = template_silhouette._silhouette(PINHOLE, CYLINDER, T)
+    rows, uv = template_silhouette._project_silhouette(PINHOLE, CYLINDER, T)
     return {"view": np.zeros(len(uv), int), "uv": uv, "sigma": np.full(len(uv), 0.1)}, rows
 
 
 def test_the_silhouette_where_it_is_belongs_to_itself_without_residual():
-    T = se3.pose(se3.so3_exp([0.2, 0.3, 1.4]), [0.1, 0.05, 2])
+    T = make_pose(so3_exp([0.2, 0.3, 1.4]), [0.1, 0.05, 2])
     keypoints, rows = contour_of(T)
-    for function in (template_silhouette.assign, template_silhouette.first):
+    for function in (template_silhouette.assign, template_silhouette.assign_first):
         found = function(PINHOLE, CYLINDER, T, keypoints, GATE, Noise(1.0, 0.0))
         assert np.array_equal(found.feature, rows)
-        assert np.abs(found.value).max() < 1e-9 and not found.cosine.any()
-        assert found.numbers[:, 2:5] == pytest.approx(CYLINDER.points.template[rows])
+        assert np.abs(found.residual).max() < 1e-9 and not found.cos_incidence.any()
+        assert found.data[:, 2:5] == pytest.approx(CYLINDER.point_template.xyz[rows])
 
 
 def test_the_first_pass_lays_the_centroids_of_the_contours_on_each_other():
     """A guess 6 cm aside along the axis is 24 px off; nearest pairs alone would be 6 cm off too."""
-    T = se3.pose(se3.so3_exp([0.2, 0.3, 1.4]), [0.1, 0.05, 2])
+    T = make_pose(so3_exp([0.2, 0.3, 1.4]), [0.1, 0.05, 2])
     keypoints, rows = contour_of(T)
-    guess = se3.pose(t=[0, 0.06, 0]) @ T
+    guess = make_pose(t=[0, 0.06, 0]) @ T
     wrong = []
-    for function in (template_silhouette.first, template_silhouette.assign):
+    for function in (template_silhouette.assign_first, template_silhouette.assign):
         found = function(PINHOLE, CYLINDER, guess, keypoints, GATE, Noise(100.0, 0.0))
-        off_own = found.numbers[:, 2:5] - CYLINDER.points.template[rows]
+        off_own = found.data[:, 2:5] - CYLINDER.point_template.xyz[rows]
         wrong.append(np.median(np.linalg.norm(off_own, axis=1)))
         assert (found.feature >= 0).all()
     assert wrong[0] < 0.01 and wrong[1] > 0.05
-    value = template_silhouette.first(
+    value = template_silhouette.assign_first(
         PINHOLE, CYLINDER, guess, keypoints, GATE, Noise(100.0, 0.0)
-    ).value
+    ).residual
     assert value.mean(0) == pytest.approx([0, -24], abs=2)  # px: 6 cm · 800 px / 2 m
 
 
 def test_a_target_behind_the_camera_has_no_silhouette():
-    T = se3.pose(t=[0, 0, 2.0])
+    T = make_pose(t=[0, 0, 2.0])
     keypoints, _ = contour_of(T)
-    behind = se3.pose(t=[0, 0, -2.0])
-    for function in (template_silhouette.assign, template_silhouette.first):
+    behind = make_pose(t=[0, 0, -2.0])
+    for function in (template_silhouette.assign, template_silhouette.assign_first):
         found = function(PINHOLE, CYLINDER, behind, keypoints, GATE, Noise(1.0, 0.0))
         assert (found.feature == -1).all()
 
@@ -588,8 +631,8 @@ def test_a_target_behind_the_camera_has_no_silhouette():
 # --- the estimate
 
 TARGETS = {"board": BOARD, "cylinder": CYLINDER}
-TRUE = se3.from_rpy([0.1, -0.05, 0.7], [0.02, -0.03, 0.05])  # T_robot_lidar
-OFF = se3.se3_exp(np.array([0.02] * 3 + [np.radians(3)] * 3) / np.sqrt(3))  # 2 cm, 3°
+TRUE = pose_from_rpy([0.1, -0.05, 0.7], [0.02, -0.03, 0.05])  # T_robot_lidar
+OFF = se3_exp(np.array([0.02] * 3 + [np.radians(3)] * 3) / np.sqrt(3))  # 2 cm, 3°
 TURNS = ((0, 0.7, 0), (0, -0.7, 0), (0, 0, 0.7), (0, 0, -0.7))  # of boards, rad
 AXES = ((0, 0, 1), (0, 1, 0), (0, 1, 1), (0, 1, -1))  # of cylinders
 PLACES = ((2, -0.3, 0.4), (1.8, 0.3, 0.8), (2.2, 0, 0.6), (1.6, 0.2, 0.5))
@@ -600,7 +643,7 @@ def keypoint_columns(kind, k, xyz):
     n = len(xyz)
     sigma = np.full(n, np.hypot(LIDAR.range_sigma, SPACING))
     columns = {"view": np.full(n, k), "placement": np.full(n, k), "kind": np.full(n, kind)}
-    return columns | {"index": np.zeros(n, int), "xyz": xyz, "sigma": sigma}
+    return columns | {"feature_index": np.zeros(n, int), "xyz": xyz, "sigma": sigma}
 
 
 def setup(kind, layout, shapes, sigma, mcs=0.0):
@@ -608,32 +651,32 @@ def setup(kind, layout, shapes, sigma, mcs=0.0):
     rng = np.random.default_rng(0)
     places, groups = [], []
     for k, (name, T) in enumerate(layout):
-        robot, body = se3.se3_exp(mcs * MCS_SIGMA * rng.normal(size=(2, 6)))
-        said = robot @ T @ se3.inverse(body)
-        places.append(estimation_problem.Placement("s", name, said, np.eye(4), sigma))
-        T_lidar_target = se3.inverse(TRUE) @ T
-        if kind == "vertex":
+        robot, body = se3_exp(mcs * MCS_SIGMA * rng.normal(size=(2, 6)))
+        said = robot @ T @ invert_pose(body)
+        places.append(Placement("s", name, said, np.eye(4), sigma))
+        T_lidar_target = invert_pose(TRUE) @ T
+        if kind == "template_vertex":
             q = shapes[name].outline_points()
         elif name == "board":
             q = face(200, seed=k)
         else:
-            towards = se3.inverse(T_lidar_target)[:3, 3]
-            turn = se3.so3_exp([np.arctan2(towards[2], towards[1]), 0, 0])
+            towards = invert_pose(T_lidar_target)[:3, 3]
+            turn = so3_exp([np.arctan2(towards[2], towards[1]), 0, 0])
             q = side(200, 1.2, seed=k) @ turn.T
-        columns = keypoint_columns(kind, k, se3.transform(T_lidar_target, q))
-        groups.append(estimation_problem.Group("lidar", k, kind, columns))
-    return estimation_problem.Setup({"lidar": LIDAR}, shapes, places, groups, GATE, {})
+        columns = keypoint_columns(kind, k, transform_points(T_lidar_target, q))
+        groups.append(MeasurementGroup("lidar", k, kind, columns))
+    return Setup({"lidar": LIDAR}, shapes, places, groups, GATE, {})
 
 
 def boards():
-    turns = [se3.so3_exp(w) @ FACING for w in TURNS]
-    return [("board", se3.pose(R, at)) for R, at in zip(turns, PLACES, strict=True)]
+    turns = [so3_exp(w) @ FACING for w in TURNS]
+    return [("board", make_pose(R, at)) for R, at in zip(turns, PLACES, strict=True)]
 
 
 def cylinders():
     axes = np.array(AXES) / np.linalg.norm(AXES, axis=1, keepdims=True)
     turns = [np.column_stack([x, np.cross(x, -np.eye(3)[0]), -np.eye(3)[0]]) for x in axes]
-    return [("cylinder", se3.pose(R, at)) for R, at in zip(turns, PLACES[::-1], strict=True)]
+    return [("cylinder", make_pose(R, at)) for R, at in zip(turns, PLACES[::-1], strict=True)]
 
 
 SOLVE = {"max_rounds": 100, "tolerance_m": 1e-8, "tolerance_rad": 1e-8}
@@ -643,35 +686,35 @@ SOLVE |= {"points_tolerance_m": 1e-5, "points_tolerance_rad": 1e-5}
 def estimated(problem):
     """The Result by the options of the solve stage from a start that is off by 2 cm and 3°."""
     start = {"lidar": TRUE @ OFF}
-    return solver.estimate(problem, start, **problem_assembly.limits(problem, SOLVE))
+    return estimate_poses(problem, start, **iteration_limits(problem, SOLVE))
 
 
 def test_the_estimate_by_nearest_points_comes_within_1_mm_and_0_1_deg():
     """Of MCS poses that are all but exact: softer ones give way to each placement's own pairs."""
     layout = boards()[:3] + cylinders()[1:]
-    result = estimated(setup("point", layout, TARGETS, 1e-2 * MCS_SIGMA))
+    result = estimated(setup("template_point", layout, TARGETS, 1e-2 * MCS_SIGMA))
     mm, deg = off(result.state.T_robot_sensor["lidar"], TRUE)
-    assert result.settled and len(result.rounds) < 100
+    assert result.has_converged and len(result.rounds) < 100
     assert np.linalg.norm(mm) < 1 and np.linalg.norm(deg) < 0.1
-    assert result.state.mocap == 1
-    assert result.rounds[-1]["members"] == 6 * 200
+    assert result.state.mocap_noise_factor == 1
+    assert result.rounds[-1]["n_inliers"] == 6 * 200
 
 
 def test_the_estimate_by_exact_corners_is_exact():
-    result = estimated(setup("vertex", boards(), TARGETS, MCS_SIGMA))
+    result = estimated(setup("template_vertex", boards(), TARGETS, MCS_SIGMA))
     mm, deg = off(result.state.T_robot_sensor["lidar"], TRUE)
-    assert result.settled
+    assert result.has_converged
     assert np.linalg.norm(mm) < 1e-3 and np.linalg.norm(np.radians(deg)) < 1e-6
 
 
 def test_targets_compared_by_points_say_nothing_of_the_noise_of_the_mcs():
     """Errors of 5 σ, each known to 0.3 σ; the same against boards that are not show them."""
     found = []
-    for board in (BOARD, replace(BOARD, points=None)):
-        problem = setup("vertex", boards(), {"board": board}, MCS_SIGMA)
-        state = estimate_state.start(problem, {"lidar": TRUE}, 1.0)
-        state.y[:] = 5.0
-        found.append(solver.mocap_factor(problem, state, 0.09 * np.eye(problem.n)))
+    for board in (BOARD, replace(BOARD, point_template=None)):
+        problem = setup("template_vertex", boards(), {"board": board}, MCS_SIGMA)
+        state = initial_state(problem, {"lidar": TRUE}, 1.0)
+        state.mocap_errors[:] = 5.0
+        found.append(estimate_mocap_factor(problem, state, 0.09 * np.eye(problem.n_unknowns)))
     assert found[0] == 1 and 3 < found[1] < 6
 
 
@@ -679,23 +722,25 @@ def assigned(feature):
     return SimpleNamespace(feature=np.array(feature))
 
 
-@pytest.mark.parametrize("kind, changed", [("point", 2), ("silhouette", 2), ("corner", 3)])
+@pytest.mark.parametrize(
+    "kind, changed", [("template_point", 2), ("template_silhouette", 2), ("pattern_corner", 3)]
+)
 def test_a_new_nearest_point_is_no_change_but_coming_and_going_is(kind, changed):
-    groups = [estimation_problem.Group("s", 0, kind, {})]
-    one = estimation_problem.Setup({}, {}, [], groups, {}, {})
+    groups = [MeasurementGroup("s", 0, kind, {})]
+    one = Setup({}, {}, [], groups, {}, {})
     before, after = [assigned([4, 5, -1, 7])], [assigned([4, 6, 3, -1])]
-    assert solver.changes(one, before, after) == changed
+    assert count_reassignments(one, before, after) == changed
 
 
 @pytest.mark.parametrize(
     "names, expected",
-    [(["surface"], 1e-8), (["surface", "point"], 1e-5)],
+    [(["target_surface"], 1e-8), (["target_surface", "template_point"], 1e-5)],
 )
 def test_the_estimate_settles_sooner_where_anything_is_compared_by_nearest_points(names, expected):
-    groups = [estimation_problem.Group("s", 0, kind, {}) for kind in names]
-    found = problem_assembly.limits(estimation_problem.Setup({}, {}, [], groups, {}, {}), SOLVE)
+    groups = [MeasurementGroup("s", 0, kind, {}) for kind in names]
+    found = iteration_limits(Setup({}, {}, [], groups, {}, {}), SOLVE)
     steps = {"tolerance_m": expected, "tolerance_rad": expected}
-    assert found == {"max_rounds": 100, "noise": 10.0, **steps}
+    assert found == {"max_rounds": 100, "initial_noise_factor": 10.0, **steps}
 
 
 # --- a shape that is nothing but its template
@@ -709,15 +754,17 @@ def corner_of_a_box():
     return np.unique(np.concatenate(grids), axis=0)
 
 
-BOX = template_cloud.Cloud(point_template.Points(corner_of_a_box(), 0.01, "all"))
-FLAT = template_cloud.Cloud(point_template.Points(COARSE.points.template, 0.04, "all"))
+BOX = TemplateCloud(PointTemplate(corner_of_a_box(), 0.01, "all"))
+FLAT = TemplateCloud(PointTemplate(COARSE.point_template.xyz, 0.04, "all"))
 every_cloud = pytest.mark.parametrize("target", [BOX, FLAT], ids=["box", "flat"])
 
 
 @every_cloud
 def test_all_of_a_cloud_lies_within_its_reach_of_its_centre(target):
-    template = target.points.template
-    assert np.linalg.norm(template - target.centre, axis=1).max() == pytest.approx(target.reach)
+    template = target.point_template.xyz
+    assert np.linalg.norm(template - target.centre, axis=1).max() == pytest.approx(
+        target.bounding_radius
+    )
     outline = target.outline_points()
     assert cKDTree(template).query(outline)[0].max() == 0
     assert np.ptp(outline, axis=0) == pytest.approx(np.ptp(template, axis=0))
@@ -725,28 +772,29 @@ def test_all_of_a_cloud_lies_within_its_reach_of_its_centre(target):
 
 def test_a_cloud_has_the_extents_of_its_points():
     assert BOX.centre == pytest.approx([0.2, 0.15, 0.1])
-    assert BOX.reach == pytest.approx(np.linalg.norm([0.2, 0.15, 0.1]))
+    assert BOX.bounding_radius == pytest.approx(np.linalg.norm([0.2, 0.15, 0.1]))
     grid = np.stack(np.meshgrid(np.arange(41) / 50, np.arange(21) / 50, [0]), -1).reshape(-1, 3)
-    plate = template_cloud.Cloud(
-        point_template.Points(grid @ se3.so3_exp([1, 2, 3]).T, 0.02, "all")
-    )
-    assert plate.size == pytest.approx([0.8, 0.4, 0], abs=1e-12)
+    plate = TemplateCloud(PointTemplate(grid @ so3_exp([1, 2, 3]).T, 0.02, "all"))
+    assert plate.extents == pytest.approx([0.8, 0.4, 0], abs=1e-12)
     assert plate.area == pytest.approx(0.32)
-    assert (np.diff(BOX.size) <= 0).all()
+    assert (np.diff(BOX.extents) <= 0).all()
 
 
 @every_cloud
 def test_a_cloud_is_its_own_template_and_is_seen_from_all_sides_by_no_camera(target):
-    assert target.template(0.5) is target.points.template
-    assert target.faces(target.centre + [0, 0, -1.1 * target.reach]) == (True, 1.0)
-    assert not target.faces(target.centre + [0, 0.9 * target.reach, 0])[0]
-    assert target.edges().shape == (0, 2, 3) and target.image_points().shape == (0, 3)
+    assert target.sample_surface(0.5) is target.point_template.xyz
+    assert target.check_facing(target.centre + [0, 0, -1.1 * target.bounding_radius]) == (True, 1.0)
+    assert not target.check_facing(target.centre + [0, 0.9 * target.bounding_radius, 0])[0]
+    assert target.outline_edges().shape == (0, 2, 3) and target.required_image_points().shape == (
+        0,
+        3,
+    )
     assert target.pattern is None and target.color is None
     for name in ("distance", "depth"):
         assert not hasattr(target, name)
 
 
-T_BOX = se3.pose(se3.so3_exp([0.4, -0.5, 0.3]), [2, 0.1, 0.5])
+T_BOX = make_pose(so3_exp([0.4, -0.5, 0.3]), [2, 0.1, 0.5])
 MARGIN = np.repeat([0.05, np.radians(5)], 3)
 
 
@@ -756,19 +804,19 @@ def scan():
     q = rng.uniform(0, 1, (400, 3)) * [0.4, 0.3, 0.2]
     q[np.arange(400), rng.integers(0, 3, 400)] = 0
     wall = rng.uniform([2.9, -1, 0], [2.9, 1, 1.2], (300, 3))
-    return np.concatenate([se3.transform(T_BOX, q), wall])
+    return np.concatenate([transform_points(T_BOX, q), wall])
 
 
 def test_the_returns_on_a_cloud_are_found_and_a_wall_behind_is_left_out():
-    guess = T_BOX @ se3.se3_exp([0.02, -0.01, 0.015, 0.03, 0, -0.02])
-    assert np.array_equal(BOX.fit(scan(), guess, MARGIN, LIDAR, {}), np.arange(400))
+    guess = T_BOX @ se3_exp([0.02, -0.01, 0.015, 0.03, 0, -0.02])
+    assert np.array_equal(BOX.fit_inliers(scan(), guess, MARGIN, LIDAR, {}), np.arange(400))
 
 
 def test_a_wall_alone_is_no_cloud():
-    assert len(BOX.fit(scan()[400:], T_BOX, MARGIN, LIDAR, {})) == 0
+    assert len(BOX.fit_inliers(scan()[400:], T_BOX, MARGIN, LIDAR, {})) == 0
 
 
 def test_a_cloud_that_is_turned_farther_than_the_guess_may_be_wrong_is_not_found():
-    guess = T_BOX @ se3.se3_exp([0, 0, 0, 0, 0, 0.3])
-    assert len(BOX.fit(scan(), guess, MARGIN, LIDAR, {})) == 0
-    assert len(BOX.fit(scan(), guess, 4 * MARGIN, LIDAR, {})) > 350
+    guess = T_BOX @ se3_exp([0, 0, 0, 0, 0, 0.3])
+    assert len(BOX.fit_inliers(scan(), guess, MARGIN, LIDAR, {})) == 0
+    assert len(BOX.fit_inliers(scan(), guess, 4 * MARGIN, LIDAR, {})) > 350

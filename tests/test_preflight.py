@@ -5,15 +5,25 @@ import shutil
 
 import pytest
 
-import runs
-from calib.io import parquet_tables, table_schemas
+from calib.io.parquet_tables import read_table
+from calib.io.table_schemas import CAMERA_VIEWS_SCHEMA, LIDAR_VIEWS_SCHEMA
+from runs import (
+    SMALL_ARGUMENTS,
+    edit_yaml,
+    list_planned_jobs,
+    run_snakemake,
+    run_to_completion,
+    simulate_into,
+    simulated_config_path,
+    simulated_rig_path,
+)
 
-SCHEMAS = {"camera": table_schemas.VIEWS_CAMERA, "velodyne": table_schemas.VIEWS_LIDAR}
+SCHEMAS = {"camera": CAMERA_VIEWS_SCHEMA, "velodyne": LIDAR_VIEWS_SCHEMA}
 
 
 def preflight(folder):
     """(exit code, preflight.json, preflight.txt, all that the terminal shows) of a recording."""
-    run = runs.snakemake(folder, "preflight")
+    run = run_snakemake(folder, "preflight")
     home = folder / "results/sim"
     found = json.loads((home / "preflight.json").read_text())
     return run.returncode, found, (home / "preflight.txt").read_text(), run.stdout + run.stderr
@@ -23,7 +33,7 @@ def preflight(folder):
 def recorded(tmp_path_factory):
     """Four placements of a board and of a cylinder, of which the camera sees the board only; not
     run yet."""
-    return runs.simulated(tmp_path_factory.mktemp("recorded"), runs.SMALL)
+    return simulate_into(tmp_path_factory.mktemp("recorded"), SMALL_ARGUMENTS)
 
 
 @pytest.fixture(scope="module")
@@ -43,12 +53,12 @@ def test_no_stage_beyond_decode_and_gate_runs(recorded, tmp_path):
     shutil.copytree(
         recorded, tmp_path, ignore=shutil.ignore_patterns("results"), dirs_exist_ok=True
     )
-    jobs = {rule for rule, _ in runs.planned(tmp_path, "--", "preflight")}
+    jobs = {rule for rule, _ in list_planned_jobs(tmp_path, "--", "preflight")}
     assert jobs == {"decode", "gate", "preflight_of_rig", "preflight"}
 
 
 def test_a_run_for_results_makes_no_preflight(looked_at):
-    assert "preflight_of_rig" not in {rule for rule, _ in runs.planned(looked_at[0])}
+    assert "preflight_of_rig" not in {rule for rule, _ in list_planned_jobs(looked_at[0])}
 
 
 def test_too_few_placements_are_a_warning_in_the_words_of_the_verdict(looked_at):
@@ -73,13 +83,13 @@ def test_what_is_seen_is_counted_and_what_is_not_has_its_reason(looked_at):
 def test_the_counts_are_those_that_crop_then_finds(looked_at):
     folder, _, found, *_ = looked_at
     paths = {s: f"results/sim/sim/{s}" for s in SCHEMAS}
-    runs.completed(
-        folder, *(f"{p}/{n}.parquet" for p in paths.values() for n in ("views", "motion"))
+    run_to_completion(
+        folder, *(f"{p}/{n}.parquet" for p in paths.values() for n in ("views", "moving_views"))
     )
     for sensor, path in paths.items():
         seen = found["sensors"][sensor]["sessions"]["sim"]["targets"]
-        views, _, _ = parquet_tables.read(folder / path / "views.parquet", SCHEMAS[sensor])
-        moving, _, _ = parquet_tables.read(folder / path / "motion.parquet", SCHEMAS[sensor])
+        views, _, _ = read_table(folder / path / "views.parquet", SCHEMAS[sensor])
+        moving, _, _ = read_table(folder / path / "moving_views.parquet", SCHEMAS[sensor])
         for target, told in seen.items():
             kept = views["placement"][views["kept"] & (views["target"] == target)]
             assert len(set(kept.tolist())) == told["possible"]
@@ -94,7 +104,7 @@ def test_the_audit_of_the_log_stands_in_the_text(looked_at):
 
 
 def test_of_a_pose_that_is_stated_nowhere_the_placements_are_an_upper_bound(copied):
-    runs.edit(runs.rig(copied), lambda r: r["sensors"]["camera"].pop("T_robot_sensor"))
+    edit_yaml(simulated_rig_path(copied), lambda r: r["sensors"]["camera"].pop("T_robot_sensor"))
     code, found, text, _ = preflight(copied)
     assert code == 0
     assert found["sensors"]["camera"]["placements"] == {"expected": None, "possible": 8}
@@ -103,7 +113,7 @@ def test_of_a_pose_that_is_stated_nowhere_the_placements_are_an_upper_bound(copi
 
 
 def test_of_a_target_whose_mount_is_unknown_the_placements_are_an_upper_bound(copied):
-    runs.edit(copied / "config/targets/board.yaml", lambda t: t.update(mount="unknown"))
+    edit_yaml(copied / "config/targets/board.yaml", lambda t: t.update(mount="unknown"))
     code, found, text, _ = preflight(copied)
     seen = found["sensors"]["camera"]["sessions"]["sim"]["targets"]
     assert code == 0
@@ -115,14 +125,16 @@ def test_of_a_target_whose_mount_is_unknown_the_placements_are_an_upper_bound(co
 def test_without_an_offset_to_find_no_motion_is_asked_for(copied):
     settings = {"estimate": {"time_offset": False}}
     crop = {"max_moving": 0}
-    runs.edit(runs.config(copied), lambda c: c.update(solve=settings, crop=crop))
+    edit_yaml(simulated_config_path(copied), lambda c: c.update(solve=settings, crop=crop))
     _, found, *_ = preflight(copied)
     assert {s["views_in_motion"] for s in found["sensors"].values()} == {0}
     assert all(f["check"] != "offset_s" for f in found["findings"])
 
 
 def test_a_sensor_that_is_not_in_the_log_is_named_and_the_other_is_calibrated(copied):
-    runs.edit(runs.rig(copied), lambda r: r["sensors"]["camera"].update(topic="/camera/image"))
+    edit_yaml(
+        simulated_rig_path(copied), lambda r: r["sensors"]["camera"].update(topic="/camera/image")
+    )
     code, found, _, terminal = preflight(copied)
     assert (code, found["levels"]) == (0, {"camera": "fail", "velodyne": "pass"})
     assert "sim: 1 sensor can be calibrated, not camera" in terminal
@@ -131,7 +143,7 @@ def test_a_sensor_that_is_not_in_the_log_is_named_and_the_other_is_calibrated(co
 
 
 def test_a_body_that_the_motion_capture_does_not_know_stops_all_and_is_told_once(copied):
-    runs.edit(runs.rig(copied), lambda r: r.update(body="mocap/husky"))
+    edit_yaml(simulated_rig_path(copied), lambda r: r.update(body="mocap/husky"))
     code, found, text, terminal = preflight(copied)
     assert (code, found["verdict"]) == (1, "fail")
     assert "sim: THESE RECORDINGS CANNOT BE CALIBRATED" in terminal
@@ -141,16 +153,16 @@ def test_a_body_that_the_motion_capture_does_not_know_stops_all_and_is_told_once
 
 
 def test_after_a_preflight_that_failed_nothing_is_said_to_have_stopped(copied):
-    runs.edit(runs.rig(copied), lambda r: r.update(body="mocap/husky"))
+    edit_yaml(simulated_rig_path(copied), lambda r: r.update(body="mocap/husky"))
     preflight(copied)
-    runs.edit(runs.rig(copied), lambda r: r.update(body="mocap/robot"))
+    edit_yaml(simulated_rig_path(copied), lambda r: r.update(body="mocap/robot"))
     code, _, _, terminal = preflight(copied)
     assert code == 0 and "STOPPED" not in terminal
 
 
 def test_a_board_mounted_the_wrong_way_round_is_seen_from_behind(copied):
     turned = {"xyz_m": [0, 0, 0], "rpy_deg": [0, 180, 0]}
-    runs.edit(copied / "config/targets/board.yaml", lambda t: t.update(T_body_target=turned))
+    edit_yaml(copied / "config/targets/board.yaml", lambda t: t.update(T_body_target=turned))
     code, found, *_ = preflight(copied)
     (finding,) = [f for f in found["findings"] if f["check"] == "status"]
     assert code == 0 and finding["sensors"] == ["camera"]
@@ -163,7 +175,7 @@ def test_messages_from_another_time_than_the_poses_fail(copied):
         for sensor in rig["sensors"].values():
             sensor["time_offset_s"] = 3600
 
-    runs.edit(runs.rig(copied), late)
+    edit_yaml(simulated_rig_path(copied), late)
     code, found, *_ = preflight(copied)
     assert code == 1
     told = {f["text"].split(";")[0] for f in found["findings"]}
@@ -174,8 +186,8 @@ def test_messages_from_another_time_than_the_poses_fail(copied):
 
 
 def test_one_placement_at_rest_supports_nothing(tmp_path):
-    arguments = runs.SMALL.replace("--placements 4", "--placements 1")
-    code, found, *_ = preflight(runs.simulated(tmp_path, arguments))
+    arguments = SMALL_ARGUMENTS.replace("--placements 4", "--placements 1")
+    code, found, *_ = preflight(simulate_into(tmp_path, arguments))
     told = [(f["level"], f["text"]) for f in found["findings"]]
     motion = "clock not observable: no relative motion in its view"
     assert code == 1 and told == [
@@ -188,8 +200,8 @@ def test_one_placement_at_rest_supports_nothing(tmp_path):
 
 def test_turns_about_one_axis_only_ask_to_tilt_the_target(tmp_path):
     """Robot and board turn about the vertical, the board's y."""
-    arguments = runs.SMALL.replace("--placements 4", "--placements 6")
-    folder = runs.simulated(tmp_path, f"{arguments} --targets board --upright")
+    arguments = SMALL_ARGUMENTS.replace("--placements 4", "--placements 6")
+    folder = simulate_into(tmp_path, f"{arguments} --targets board --upright")
     code, found, text, _ = preflight(folder)
     (finding,) = found["findings"]
     assert code == 0 and finding["check"] == "alignment"

@@ -7,14 +7,25 @@ import numpy as np
 import pytest
 
 import report
-from calib.report import number_format
-from calib.report.figures import svg_plots
-from reporting import own, words
+from calib.report.figures.svg_plots import (
+    THEME_VARIABLES,
+    create_figure,
+    encode_figure_svg,
+    make_standalone_svg,
+)
+from calib.report.number_format import (
+    choose_decimals,
+    floor_to_nice_number,
+    format_decimals,
+    format_number,
+)
+from report import FIGURE_COLUMNS, PAGE_SECTIONS
+from reporting import extract_page_text, remove_plotly
 
 
-def test_sections_come_in_order(page):
-    found = re.findall(r"<h2>(\d+) ([^<]*)<", page)
-    assert found == [(str(i), h) for i, (_, h) in enumerate(report.SECTIONS, 1)]
+def test_sections_come_in_order(good_report_page):
+    found = re.findall(r"<h2>(\d+) ([^<]*)<", good_report_page)
+    assert found == [(str(i), h) for i, (_, h) in enumerate(PAGE_SECTIONS, 1)]
     assert len(found) == 15
 
 
@@ -50,79 +61,81 @@ def test_sections_come_in_order(page):
         "T_robot_left, from frame left_frame into mcs/robot",
     ],
 )
-def test_says(page, said):
-    assert said in words(page)
+def test_says(good_report_page, said):
+    assert said in extract_page_text(good_report_page)
 
 
-def test_is_complete_in_itself(page):
-    page = own(page)
-    assert "http" not in page
-    assert not re.search(r"<script[^>]*\ssrc", page)
-    references = re.findall(r"""(?:src|href)\s*=\s*["']([^"']*)""", page)
+def test_is_complete_in_itself(good_report_page):
+    good_report_page = remove_plotly(good_report_page)
+    assert "http" not in good_report_page
+    assert not re.search(r"<script[^>]*\ssrc", good_report_page)
+    references = re.findall(r"""(?:src|href)\s*=\s*["']([^"']*)""", good_report_page)
     assert references
     assert all(r.startswith(("#", "data:image/")) for r in references)
-    assert all(u.startswith("#") for u in re.findall(r"url\(([^)]*)\)", page))
-    assert "@import" not in page
+    assert all(u.startswith("#") for u in re.findall(r"url\(([^)]*)\)", good_report_page))
+    assert "@import" not in good_report_page
 
 
-def test_ids_that_figures_refer_to_are_their_own(page):
-    ids = re.findall(r'\sid="([^"]*)"', page)
+def test_ids_that_figures_refer_to_are_their_own(good_report_page):
+    ids = re.findall(r'\sid="([^"]*)"', good_report_page)
     assert len(ids) == len(set(ids))
-    assert set(re.findall(r'href="#([^"]*)"', page)) <= set(ids)
+    assert set(re.findall(r'href="#([^"]*)"', good_report_page)) <= set(ids)
 
 
-def test_follows_light_and_dark(page):
-    assert "prefers-color-scheme: dark" in page
-    assert "@media print" in page
+def test_follows_light_and_dark(good_report_page):
+    assert "prefers-color-scheme: dark" in good_report_page
+    assert "@media print" in good_report_page
     # No figure has a colour of the light page of its own.
-    drawn = "".join(re.findall("<svg.*?</svg>", page, flags=re.S))
+    drawn = "".join(re.findall("<svg.*?</svg>", good_report_page, flags=re.S))
     assert "var(--ink)" in drawn
-    assert not re.search("|".join(svg_plots.THEME), drawn)
+    assert not re.search("|".join(THEME_VARIABLES), drawn)
 
 
-def test_same_inputs_same_bytes(printed, files):
-    report.main(files.write())
-    for name in ("report.html", "report.pdf", *(f"{figure}.svg" for figure in report.COLUMNS)):
-        assert (files.folder / name).read_bytes() == (printed / name).read_bytes(), name
+def test_same_inputs_same_bytes(good_report_folder, report_files):
+    report.main(report_files.write_inputs())
+    for name in ("report.html", "report.pdf", *(f"{figure}.svg" for figure in FIGURE_COLUMNS)):
+        assert (report_files.folder / name).read_bytes() == (
+            good_report_folder / name
+        ).read_bytes(), name
 
 
-def test_every_figure_has_a_caption(page):
-    page = own(page)
-    assert page.count("<figure") == page.count("<figcaption>") > 10
-    assert page.count('role="img"') == page.count("<svg")
+def test_every_figure_has_a_caption(good_report_page):
+    good_report_page = remove_plotly(good_report_page)
+    assert good_report_page.count("<figure") == good_report_page.count("<figcaption>") > 10
+    assert good_report_page.count('role="img"') == good_report_page.count("<svg")
 
 
-def test_every_figure_is_an_xml_of_its_own_or_paper_would_leave_it_out(page):
-    for svg in re.findall("<svg.*?</svg>", own(page), flags=re.S):
-        ElementTree.fromstring(svg_plots.alone(svg))
+def test_every_figure_is_an_xml_of_its_own_or_paper_would_leave_it_out(good_report_page):
+    for svg in re.findall("<svg.*?</svg>", remove_plotly(good_report_page), flags=re.S):
+        ElementTree.fromstring(make_standalone_svg(svg))
 
 
 def test_a_figure_with_an_empty_group_is_well_formed():
     """Matplotlib writes <g/> for what lies outside of the axes."""
-    fig, ax = svg_plots.figure()
+    fig, ax = create_figure()
     ax.broken_barh([], (0, 1))
     ax.plot([np.nan], [np.nan])
     ax.scatter([], [])
-    svg = svg_plots.to_svg(fig, "empty", "Nothing")
-    assert ElementTree.fromstring(svg_plots.alone(svg)).tag.endswith("svg")
+    svg = encode_figure_svg(fig, "empty", "Nothing")
+    assert ElementTree.fromstring(make_standalone_svg(svg)).tag.endswith("svg")
 
 
-def test_title(files, undrawn):
-    files.options["report"]["title"] = "Husky & trailer"
-    assert "<h1>Husky &amp; trailer</h1>" in files.render()
+def test_title(report_files, skip_figures):
+    report_files.options["report"]["title"] = "Husky & trailer"
+    assert "<h1>Husky &amp; trailer</h1>" in report_files.render_report()
 
 
-def test_the_pdf_is_small_and_knows_no_clock(printed):
-    pdf = (printed / "report.pdf").read_bytes()
+def test_the_pdf_is_small_and_knows_no_clock(good_report_folder):
+    pdf = (good_report_folder / "report.pdf").read_bytes()
     assert pdf.startswith(b"%PDF") and b"CreationDate" not in pdf
     assert 50_000 < len(pdf) < 5_000_000
 
 
-@pytest.mark.parametrize("name", report.COLUMNS)
-def test_figures_are_files_that_open_without_a_page(printed, name):
-    root = ElementTree.parse(printed / f"{name}.svg").getroot()
+@pytest.mark.parametrize("name", FIGURE_COLUMNS)
+def test_figures_are_files_that_open_without_a_page(good_report_folder, name):
+    root = ElementTree.parse(good_report_folder / f"{name}.svg").getroot()
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
-    assert "var(" not in (printed / f"{name}.svg").read_text()
+    assert "var(" not in (good_report_folder / f"{name}.svg").read_text()
     assert root.findall("{http://www.w3.org/2000/svg}svg")
 
 
@@ -131,10 +144,10 @@ def test_figures_are_files_that_open_without_a_page(printed, name):
     [(1234.5, "1230"), (-0.0123456, "−0.0123"), (4.9e-6, "4.90e−6"), (None, "–"), (np.nan, "–")],
 )
 def test_numbers(x, shown):
-    assert number_format.number(x) == shown
+    assert format_number(x) == shown
 
 
 def test_fixed_has_no_negative_zero():
-    assert number_format.fixed(-0.001, 2) == "0.00"
-    assert [number_format.places(s) for s in (12.0, 0.15, 0.0021, 0.0)] == [0, 2, 4, 2]
-    assert [number_format.nice(x) for x in (1.0, 3.0, 70.0, 0.03)] == [1, 2, 50, 0.02]
+    assert format_decimals(-0.001, 2) == "0.00"
+    assert [choose_decimals(s) for s in (12.0, 0.15, 0.0021, 0.0)] == [0, 2, 4, 2]
+    assert [floor_to_nice_number(x) for x in (1.0, 3.0, 70.0, 0.03)] == [1, 2, 50, 0.02]

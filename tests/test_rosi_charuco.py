@@ -10,8 +10,8 @@ import shutil
 import numpy as np
 import pytest
 
-import runs
-from shared import shared_data
+from runs import edit_yaml, run_snakemake
+from shared import find_shared_data
 
 EXACT = {"xyz_m": 1e-6, "rpy_deg": 1e-4}
 
@@ -19,17 +19,17 @@ EXACT = {"xyz_m": 1e-6, "rpy_deg": 1e-4}
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     """calibration.json with the stated parameters (False) and with estimated ones (True)."""
-    source, folder = shared_data("rosi_charuco"), tmp_path_factory.mktemp("rosi")
+    source, folder = find_shared_data("rosi_charuco"), tmp_path_factory.mktemp("rosi")
     for name in ("config", "log"):
         shutil.copytree(source / name, folder / name, copy_function=shutil.copyfile)
     sigmas = {"pose_sigma": EXACT, "pose_bias_sigma": EXACT}
-    runs.edit(folder / "config/rigs/cell.yaml", lambda c: c["mocap"].update(sigmas))
+    edit_yaml(folder / "config/rigs/cell.yaml", lambda c: c["mocap"].update(sigmas))
     found = {}
     for wanted in (False, True):
         estimate = {"target_alignment": True, "intrinsics": wanted}
         change = {"solve": {"estimate": estimate}}
-        runs.edit(folder / "config/config.yaml", lambda c, more=change: c.update(more))
-        runs.snakemake(folder, "results/cell/calibration.json")
+        edit_yaml(folder / "config/config.yaml", lambda c, more=change: c.update(more))
+        run_snakemake(folder, "results/cell/calibration.json")
         found[wanted] = json.loads((folder / "results/cell/calibration.json").read_text())
     return found
 

@@ -6,7 +6,7 @@ import json
 import jsonschema
 import pytest
 
-from calib.io import config
+from calib.io.config import load_schema, validate_and_complete
 from calib.io.status import InputError
 
 OUTPUTS = ("calibration", "verdict")
@@ -42,20 +42,20 @@ def at(content, path):
 
 
 @pytest.fixture(scope="module")
-def written(finished):
+def written(finished_run):
     """The two files of a finished run."""
-    home = finished / "results/sim"
+    home = finished_run / "results/sim"
     return {kind: json.loads((home / f"{kind}.json").read_text()) for kind in OUTPUTS}
 
 
 @pytest.mark.parametrize("kind", OUTPUTS)
 def test_a_schema_is_one_by_the_rules_of_json_schema(kind):
-    jsonschema.Draft202012Validator.check_schema(config.schema(kind))
+    jsonschema.Draft202012Validator.check_schema(load_schema(kind))
 
 
 @pytest.mark.parametrize("kind", OUTPUTS)
 def test_every_object_lists_its_keys_or_says_what_its_values_are(kind):
-    found = list(objects(config.schema(kind)))
+    found = list(objects(load_schema(kind)))
     assert len(found) > 2
     for path, schema in found:
         if schema.get("additionalProperties") is False:
@@ -66,7 +66,7 @@ def test_every_object_lists_its_keys_or_says_what_its_values_are(kind):
 
 @pytest.mark.parametrize("kind", OUTPUTS)
 def test_what_a_run_writes_is_what_the_schema_promises(written, kind):
-    jsonschema.validate(written[kind], config.schema(kind))
+    jsonschema.validate(written[kind], load_schema(kind))
 
 
 @pytest.mark.parametrize("kind", OUTPUTS)
@@ -77,7 +77,7 @@ def test_a_key_or_value_that_the_schema_does_not_know_is_refused_wherever_it_sta
         content = copy.deepcopy(written[kind])
         at(content, path)["surprise"] = [{}]
         with pytest.raises(InputError):
-            config.complete(kind, content, kind)
+            validate_and_complete(kind, content, kind)
 
 
 def test_not_estimated_is_null_and_never_left_out(written):
@@ -85,7 +85,7 @@ def test_not_estimated_is_null_and_never_left_out(written):
         for key in ("T_robot_sensor", "covariance", "time_offset_s", "intrinsics"):
             content = copy.deepcopy(written["calibration"])
             content["sensors"][name][key] = None
-            config.complete("calibration", content, "calibration")
+            validate_and_complete("calibration", content, "calibration")
             del content["sensors"][name][key]
             with pytest.raises(InputError, match=f"sensors.{name}: missing key {key}"):
-                config.complete("calibration", content, "calibration")
+                validate_and_complete("calibration", content, "calibration")

@@ -6,14 +6,20 @@ import numpy as np
 import pytest
 
 import synthetic
-from calib.diagnosis import session_repeatability
-from calib.estimation import estimation_problem, solver
-from calib.geometry import se3
-from synthetic import World, setup
+from calib.diagnosis.session_repeatability import repeatability_json
+from calib.estimation.estimation_problem import Setup
+from calib.estimation.solver import estimate_poses
+from calib.geometry.se3 import se3_exp, se3_log
+from synthetic import SyntheticWorld, make_synthetic_setup
 
 LAYOUT = [("board", None)] * 8
-LIMITS = {"max_rounds": 40, "tolerance_m": 1e-7, "tolerance_rad": 1e-7, "noise": 100.0}
-BUMP = se3.se3_exp(np.array([0.004, 0.0, 0.003, 0.0, 0.01, 0.0]))
+LIMITS = {
+    "max_rounds": 40,
+    "tolerance_m": 1e-7,
+    "tolerance_rad": 1e-7,
+    "initial_noise_factor": 100.0,
+}
+BUMP = se3_exp(np.array([0.004, 0.0, 0.003, 0.0, 0.01, 0.0]))
 
 
 def recorded(moved=(), seeds=(0, 1)):
@@ -22,20 +28,20 @@ def recorded(moved=(), seeds=(0, 1)):
     for session, seed in zip(("evening", "morning"), seeds, strict=True):
         with pytest.MonkeyPatch.context() as patch:
             if session == "morning":
-                true = {n: T @ BUMP if n in moved else T for n, T in synthetic.TRUE.items()}
-                patch.setattr(synthetic, "TRUE", true)
-            parts.append((session, setup(seed, LAYOUT, World())))
+                true = {n: T @ BUMP if n in moved else T for n, T in synthetic.TRUE_POSES.items()}
+                patch.setattr(synthetic, "TRUE_POSES", true)
+            parts.append((session, make_synthetic_setup(seed, LAYOUT, SyntheticWorld())))
     places, groups = [], []
     for session, made in parts:
         groups += [replace(g, placement=g.placement + len(places)) for g in made.groups]
         places += [replace(p, session=session) for p in made.placements]
-    return estimation_problem.Setup(made.models, made.targets, places, groups, made.associate, {})
+    return Setup(made.models, made.targets, places, groups, made.associate_options, {})
 
 
 def told(made):
-    start = {n: synthetic.TRUE[n] @ se3.se3_exp(np.full(6, 0.003)) for n in made.models}
-    result = solver.estimate(made, start, **LIMITS)
-    return session_repeatability.repeatability(made, result, **LIMITS)
+    start = {n: synthetic.TRUE_POSES[n] @ se3_exp(np.full(6, 0.003)) for n in made.models}
+    result = estimate_poses(made, start, **LIMITS)
+    return repeatability_json(made, result, **LIMITS)
 
 
 def test_poses_of_sensors_that_stay_repeat_by_their_sigma():
@@ -55,7 +61,7 @@ def test_a_camera_that_was_bumped_between_sessions_is_told_from_a_lidar_that_was
     assert rows["morning", "camera"]["chance"] < 1e-12
     assert rows["morning", "lidar"]["chance"] > 1e-3
     shift, sigma = (np.array(rows["morning", "camera"][k]) for k in ("shift", "sigma"))
-    assert (np.abs(shift - se3.se3_log(BUMP)) < 4 * sigma).all()
+    assert (np.abs(shift - se3_log(BUMP)) < 4 * sigma).all()
     np.testing.assert_allclose(shift, -np.array(rows["evening", "camera"]["shift"]), atol=1e-9)
 
 

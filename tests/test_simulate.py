@@ -14,18 +14,42 @@ from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 
 import simulate
-from calib.geometry.se3 import angle, from_rpy, from_xyz_quat, inverse, pose, se3_log, transform
-from calib.sensors.camera.camera_model import Camera
-from simulation import record_session
-from simulation.sensors import (
-    camera_exposure,
-    cloud_formats,
-    mocap_errors,
-    render_image,
-    scan_patterns,
-    scan_scene,
+from calib.geometry.se3 import (
+    invert_pose,
+    make_pose,
+    pose_from_rpy,
+    pose_from_xyz_quat,
+    rotation_angle,
+    se3_log,
+    transform_points,
 )
-from simulation.world import ray_surfaces, room_scene, smooth_motion
+from calib.sensors.camera.camera_model import CameraModel
+from simulate import draw_sessions, parse_simulation_arguments
+from simulation.record_session import MCS_MARGIN_NS, generate_tf_messages
+from simulation.sensors.camera_exposure import digitize_image
+from simulation.sensors.cloud_formats import CLOUD_FORMATS
+from simulation.sensors.mocap_errors import measure_body_poses
+from simulation.sensors.render_image import (
+    COARSE_POINTS_PER_PIXEL,
+    _interpolation_weights,
+    compute_ray_grid,
+    render_image,
+)
+from simulation.sensors.scan_patterns import SCAN_PATTERNS
+from simulation.sensors.scan_scene import scan_scene
+from simulation.world.ray_surfaces import intersect_cylinder
+from simulation.world.room_scene import (
+    ARM_M,
+    POLE_M,
+    SIMULATED_TARGETS,
+    build_scene,
+    place_surfaces,
+)
+from simulation.world.smooth_motion import (
+    find_motion_progress,
+    interpolate_placement_poses,
+    schedule_placements,
+)
 
 SHORT = ["--placements", "2", "--hold-s", "0.4", "--move-s", "0.4"]
 SCHEMAS = Path(__file__).parents[1] / "workflow" / "schemas"
@@ -36,7 +60,7 @@ DISTORTED = ["--distortion", "-0.1", "0", "0", "0"]
 
 def draw(*arguments):
     """The only session of the arguments, without a file."""
-    return simulate.draw(simulate.parse(["nowhere", *arguments]))[0][0]
+    return draw_sessions(parse_simulation_arguments(["nowhere", *arguments]))[0][0]
 
 
 def run(folder, *arguments):
@@ -68,7 +92,7 @@ def stamp(message):
 
 def read_points(message):
     """Positions (n, 3), m, lidar frame, and times (n,), ns on the log's clock, of a PointCloud2."""
-    points = message.data.view(cloud_formats.DRIVERS["velodyne"].point)
+    points = message.data.view(CLOUD_FORMATS["velodyne"].point_dtype)
     xyz = np.stack([points[c] for c in "xyz"], -1).astype(float)
     return xyz, stamp(message) + np.round(points["time"].astype(float) * 1e9).astype(np.int64)
 
@@ -77,8 +101,8 @@ def distances(scene, surfaces, p_world):
     """Distance (n,), m, of points (n, 3) to the nearest of all surfaces, taken analytically."""
     nearest = np.full(len(p_world), np.inf)
     for surface in scene.surfaces:
-        p = transform(inverse(surfaces[surface.name]), p_world)
-        nearest = np.minimum(nearest, DISTANCE[surface.kind](surface.size, p))
+        p = transform_points(invert_pose(surfaces[surface.name]), p_world)
+        nearest = np.minimum(nearest, DISTANCE[surface.shape](surface.shape_params, p))
     return nearest
 
 
@@ -121,27 +145,27 @@ def test_noise_free_points_lie_on_the_true_surfaces_at_their_own_times(short):
     moving = 0
     for _, message in short.messages["/velodyne_points"]:
         xyz, t = read_points(message)
-        surfaces = short.session.surfaces(t)
-        T_world_lidar = short.session.T_world("robot", t) @ T_robot_lidar
-        gap = distances(short.session.scene, surfaces, transform(T_world_lidar, xyz))
+        surfaces = short.session.surface_poses(t)
+        T_world_lidar = short.session.true_body_poses("robot", t) @ T_robot_lidar
+        gap = distances(short.session.scene, surfaces, transform_points(T_world_lidar, xyz))
         assert gap.max() < ROUNDING_M
-        moving += np.sum(smooth_motion.blend(t, short.session.times)[1] > 0)
+        moving += np.sum(find_motion_progress(t, short.session.placement_times_ns)[1] > 0)
     assert moving > 10_000
 
 
 def test_points_of_a_moving_scan_are_off_the_surfaces_of_its_first_point_by_centimetres(short):
-    start = short.session.times[0, 1] + 100_000_000
+    start = short.session.placement_times_ns[0, 1] + 100_000_000
     message = next(m for _, m in short.messages["/velodyne_points"] if stamp(m) > start)
     xyz, t = read_points(message)
     when = np.full(len(t), t[0])
-    surfaces = short.session.surfaces(when)
-    T = short.session.T_world("robot", when) @ short.session.rig.sensors["velodyne"]
-    assert distances(short.session.scene, surfaces, transform(T, xyz)).max() > 0.01
+    surfaces = short.session.surface_poses(when)
+    T = short.session.true_body_poses("robot", when) @ short.session.rig.T_robot_sensor["velodyne"]
+    assert distances(short.session.scene, surfaces, transform_points(T, xyz)).max() > 0.01
 
 
 def test_the_truth_file_alone_puts_the_points_of_a_placement_on_the_targets(short):
     """The cylinder at radius 0.1 m, the board in z = 0, from truth.json and the log only."""
-    T_robot_lidar = from_xyz_quat(
+    T_robot_lidar = pose_from_xyz_quat(
         *(short.truth["sensors"]["velodyne"]["T_robot_sensor"][k] for k in ("xyz_m", "quat_xyzw"))
     )
     for placement in short.truth["placements"]:
@@ -150,11 +174,11 @@ def test_the_truth_file_alone_puts_the_points_of_a_placement_on_the_targets(shor
             if t[0] < placement["start_ns"] or t[-1] > placement["end_ns"]:
                 continue
             T = {k: np.array(v["matrix"]) for k, v in placement["T_robot_target"].items()}
-            on_board = transform(inverse(T["board"]) @ T_robot_lidar, xyz)
+            on_board = transform_points(invert_pose(T["board"]) @ T_robot_lidar, xyz)
             face = (np.abs(on_board[:, :2]).sum(1) < 0.7) & (np.abs(on_board[:, 2]) < 0.02)
             assert np.sum(face) > 300
             assert np.abs(on_board[face, 2]).max() < ROUNDING_M
-            on_cylinder = transform(inverse(T["cylinder"]) @ T_robot_lidar, xyz)
+            on_cylinder = transform_points(invert_pose(T["cylinder"]) @ T_robot_lidar, xyz)
             radius = np.hypot(on_cylinder[:, 1], on_cylinder[:, 2])
             side = (np.abs(on_cylinder[:, 0]) < 0.395) & (radius < 0.15)
             assert np.sum(side) > 50
@@ -167,9 +191,9 @@ def test_the_mcs_reports_the_true_poses_when_it_has_no_noise(short):
         assert [item.child_frame_id for item in message.transforms] == list(bodies)
         for item in message.transforms:
             p, q = item.transform.translation, item.transform.rotation
-            T = from_xyz_quat([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
-            true = short.session.T_world(bodies[item.child_frame_id], [stamp(item)])[0]
-            assert np.abs(se3_log(inverse(true) @ T)).max() < 1e-12
+            T = pose_from_xyz_quat([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
+            true = short.session.true_body_poses(bodies[item.child_frame_id], [stamp(item)])[0]
+            assert np.abs(se3_log(invert_pose(true) @ T)).max() < 1e-12
             assert item.header.frame_id == "mocap/world"
 
 
@@ -225,9 +249,9 @@ def test_point_times_start_at_the_stamp_and_span_the_sector(short):
 def test_placements_show_the_targets_as_far_and_as_clear_as_promised():
     session = draw("--placements", "12")
     for k in range(12):
-        T = {name: knots[k] for name, knots in session.knots.items()}
-        T_lidar_robot = inverse(T["robot"] @ session.rig.sensors["velodyne"])
-        seen = {name: T_lidar_robot @ T[name] for name in session.mounts}
+        T = {name: knots[k] for name, knots in session.placement_poses.items()}
+        T_lidar_robot = invert_pose(T["robot"] @ session.rig.T_robot_sensor["velodyne"])
+        seen = {name: T_lidar_robot @ T[name] for name in session.T_body_target}
         reach = {name: np.linalg.norm(T_seen[:3, 3]) for name, T_seen in seen.items()}
         assert min(reach.values()) >= 1.4 and max(reach.values()) <= 3.2
         cosine = -seen["board"][:3, 2] @ seen["board"][:3, 3] / reach["board"]
@@ -236,26 +260,28 @@ def test_placements_show_the_targets_as_far_and_as_clear_as_promised():
 
 
 def test_robot_steps_between_placements_are_small():
-    knots = draw("--placements", "12").knots["robot"]
-    steps = inverse(knots[:-1]) @ knots[1:]
+    knots = draw("--placements", "12").placement_poses["robot"]
+    steps = invert_pose(knots[:-1]) @ knots[1:]
     assert np.linalg.norm(steps[:, :3, 3], axis=1).max() < 0.3
-    assert np.rad2deg(angle(steps)).max() < 11
+    assert np.rad2deg(rotation_angle(steps)).max() < 11
 
 
 @given(st.integers(0, 1000), st.floats(-45, 45), st.floats(-30, 30))
 @settings(max_examples=30, deadline=None)
 def test_the_stand_stays_behind_the_board_as_far_down_as_the_board_reaches(seed, lean, roll):
     height = 0.8 + 0.4 * np.random.default_rng(seed).uniform()
-    facing = from_rpy([2, 0, height], np.deg2rad([90, 0, -90]))
-    T = facing @ from_rpy([0, 0, 0], np.deg2rad([lean, 0, 0]))
-    T = T @ from_rpy([0, 0, 0], np.deg2rad([0, 0, roll]))
-    for name, surface in room_scene.poses({"board": T}).items():
+    facing = pose_from_rpy([2, 0, height], np.deg2rad([90, 0, -90]))
+    T = facing @ pose_from_rpy([0, 0, 0], np.deg2rad([lean, 0, 0]))
+    T = T @ pose_from_rpy([0, 0, 0], np.deg2rad([0, 0, roll]))
+    for name, surface in place_surfaces({"board": T}).items():
         if name not in ("board_arm", "board_pole"):
             continue
-        length = room_scene.ARM_M if name == "board_arm" else room_scene.POLE_M
-        p = transform(surface, np.linspace(-length / 2, length / 2, 500)[:, None] * [1, 0, 0])
+        length = ARM_M if name == "board_arm" else POLE_M
+        p = transform_points(
+            surface, np.linspace(-length / 2, length / 2, 500)[:, None] * [1, 0, 0]
+        )
         beside = p[:, 2] > height - 0.72
-        assert transform(inverse(T), p[beside])[:, 2].max() < -0.02
+        assert transform_points(invert_pose(T), p[beside])[:, 2].max() < -0.02
 
 
 @given(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
@@ -263,7 +289,7 @@ def test_the_stand_stays_behind_the_board_as_far_down_as_the_board_reaches(seed,
 def test_rays_meet_a_cylinder_on_its_side_or_on_its_caps(y, z, slope):
     o = np.array([[1.0], [2.0 + y], [z]])
     d = np.array([[slope - 0.5], [-1.0], [-0.3 * z]])
-    t, face = ray_surfaces.meet_cylinder((0.8, 0.1), o, d)
+    t, face = intersect_cylinder((0.8, 0.1), o, d)
     if not np.isfinite(t[0]):
         return
     p = (o + t * d)[:, 0]
@@ -275,12 +301,14 @@ def test_rays_meet_a_cylinder_on_its_side_or_on_its_caps(y, z, slope):
 @given(st.lists(st.floats(0, 1), min_size=2, max_size=2))
 @settings(max_examples=50, deadline=None)
 def test_poses_are_continuous_and_still_during_a_placement(fractions):
-    times = smooth_motion.placement_times([0, 1], 1.0, 0.8)
-    knots = np.stack([from_rpy([0, 0, 0], [0, 0, 0]), from_rpy([1, 0, 0.5], [0.3, 0, 1.0])])
+    times = schedule_placements([0, 1], 1.0, 0.8)
+    knots = np.stack(
+        [pose_from_rpy([0, 0, 0], [0, 0, 0]), pose_from_rpy([1, 0, 0.5], [0.3, 0, 1.0])]
+    )
     still = times[0, 0] + np.int64(1e9 * fractions[0])
-    assert np.array_equal(smooth_motion.poses_at([still], times, knots)[0], knots[0])
+    assert np.array_equal(interpolate_placement_poses([still], times, knots)[0], knots[0])
     t = times[0, 1] + np.int64(0.8e9 * fractions[1])
-    near = smooth_motion.poses_at([t, t + 1000], times, knots)
+    near = interpolate_placement_poses([t, t + 1000], times, knots)
     assert np.abs(near[1] - near[0]).max() < 1e-5
 
 
@@ -288,19 +316,21 @@ def test_the_written_guess_is_off_the_truth_by_no_more_than_stated(short):
     rig = yaml.safe_load((short.folder / "config/rigs/sim.yaml").read_text())
     for name, sensor in rig["sensors"].items():
         written = sensor["T_robot_sensor"]
-        guess = from_rpy(written["xyz_m"], np.deg2rad(written["rpy_deg"]))
+        guess = pose_from_rpy(written["xyz_m"], np.deg2rad(written["rpy_deg"]))
         true = np.array(short.truth["sensors"][name]["T_robot_sensor"]["matrix"])
         assert 0.001 < np.abs(guess[:3, 3] - true[:3, 3]).max() <= 0.03 + 1e-6
-        turn = np.rad2deg(np.abs(se3_log(inverse(true) @ guess)[3:]))
+        turn = np.rad2deg(np.abs(se3_log(invert_pose(true) @ guess)[3:]))
         assert 0.1 < turn.max() <= 5 + 1e-5
 
 
 def test_a_guess_without_error_is_the_truth(tmp_path):
-    sessions, guesses = simulate.draw(
-        simulate.parse([str(tmp_path), "--guess-error-m", "0", "--guess-error-deg", "0"])
+    sessions, guesses = draw_sessions(
+        parse_simulation_arguments(
+            [str(tmp_path), "--guess-error-m", "0", "--guess-error-deg", "0"]
+        )
     )
     session = sessions[0]
-    for name, T in session.rig.sensors.items():
+    for name, T in session.rig.T_robot_sensor.items():
         assert np.abs(guesses[name] - T).max() < 1e-15
 
 
@@ -324,32 +354,35 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
     one, two = (digest(run(tmp_path / name, *arguments)) for name in "ab")
     assert one == two and len(one) == 6
     plain, other = (draw(*SHORT, "--seed", seed) for seed in "12")
-    assert np.abs(plain.knots["board"] - other.knots["board"]).max() > 0.01
-    assert np.abs(plain.rig.sensors["camera"] - other.rig.sensors["camera"]).max() > 0.001
+    assert np.abs(plain.placement_poses["board"] - other.placement_poses["board"]).max() > 0.01
+    assert (
+        np.abs(plain.rig.T_robot_sensor["camera"] - other.rig.T_robot_sensor["camera"]).max()
+        > 0.001
+    )
 
 
 def test_noise_leaves_rig_and_placements_as_they_are():
     plain = draw("--placements", "3")
     noisy = draw("--placements", "3", "--mcs-bias-m", "0.001", "--mount-m", "0.01")
-    for name, knots in plain.knots.items():
-        assert np.array_equal(knots, noisy.knots[name])
-    for name, T in plain.rig.sensors.items():
-        assert np.array_equal(T, noisy.rig.sensors[name])
+    for name, knots in plain.placement_poses.items():
+        assert np.array_equal(knots, noisy.placement_poses[name])
+    for name, T in plain.rig.T_robot_sensor.items():
+        assert np.array_equal(T, noisy.rig.T_robot_sensor[name])
 
 
 def test_range_noise_has_its_standard_deviation_along_the_beam():
     session = draw("--placements", "1")
-    surfaces = room_scene.poses({k: session.knots[k][0] for k in session.mounts})
-    T_world_lidar = session.knots["robot"][0] @ session.rig.sensors["velodyne"]
+    surfaces = place_surfaces({k: session.placement_poses[k][0] for k in session.T_body_target})
+    T_world_lidar = session.placement_poses["robot"][0] @ session.rig.T_robot_sensor["velodyne"]
     firing, rng = (
-        scan_patterns.PATTERNS["beams16"].firing(np.deg2rad(100), 0),
+        SCAN_PATTERNS["beams16"].make_firing(np.deg2rad(100), 0),
         np.random.default_rng(0),
     )
     exact, noisy = (
-        scan_scene.scan(session.scene, surfaces, T_world_lidar, firing, 0, rng, sigma)
+        scan_scene(session.scene, surfaces, T_world_lidar, firing, 0, rng, sigma)
         for sigma in (0.0, 0.01)
     )
-    a, b = (echoes.xyz[exact.returned] for echoes in (exact, noisy))
+    a, b = (echoes.xyz[exact.has_return] for echoes in (exact, noisy))
     beam = a / np.linalg.norm(a, axis=1)[:, None]
     along = np.sum((b - a) * beam, axis=1)
     assert np.std(along) == pytest.approx(0.01, rel=0.03)
@@ -358,7 +391,7 @@ def test_range_noise_has_its_standard_deviation_along_the_beam():
 
 def test_image_noise_has_its_standard_deviation_after_rounding():
     flat = np.full((400, 400, 3), 120.0)
-    image = camera_exposure.expose(flat, "bgr8", 1.8, np.random.default_rng(0)).astype(float)
+    image = digitize_image(flat, "bgr8", 1.8, np.random.default_rng(0)).astype(float)
     for channel in range(3):
         sigma = np.std(image[..., channel])
         assert sigma == pytest.approx(np.hypot(1.8, 12**-0.5), rel=0.01)
@@ -372,10 +405,10 @@ def test_mcs_noise_is_white_and_its_bias_lasts_a_placement():
         *("--mcs-noise-deg", "0.02", "--mcs-bias-m", "0.0005", "--mcs-bias-deg", "0.05"),
     )
     means, scatter = [], []
-    for start in session.times[:, 0]:
+    for start in session.placement_times_ns[:, 0]:
         t = start + 10_000_000 * np.arange(100)
-        T = mocap_errors.measured(session, np.random.default_rng(start), "robot", t)
-        xi = se3_log(inverse(session.T_world("robot", t)) @ T)
+        T = measure_body_poses(session, np.random.default_rng(start), "robot", t)
+        xi = se3_log(invert_pose(session.true_body_poses("robot", t)) @ T)
         means.append(xi.mean(0))
         scatter.append(xi - xi.mean(0))
     white, bias = np.std(np.concatenate(scatter), axis=0), np.std(means, axis=0)
@@ -387,11 +420,11 @@ def test_mcs_noise_is_white_and_its_bias_lasts_a_placement():
 
 def test_late_mcs_stamps_and_a_displaced_target_have_the_size_asked_for():
     session = draw("--mount-m", "0.006", "--mount-deg", "1", "--mcs-late-s", "0.025")
-    for T in session.mounts.values():
+    for T in session.T_body_target.values():
         assert np.linalg.norm(T[:3, 3]) == pytest.approx(0.006)
-        assert np.rad2deg(angle(T)) == pytest.approx(1)
-    first = next(record_session.transforms(session))[3].transforms[0]
-    assert stamp(first) == session.times[0, 0] - record_session.MARGIN_NS + 25_000_000
+        assert np.rad2deg(rotation_angle(T)) == pytest.approx(1)
+    first = next(generate_tf_messages(session))[3].transforms[0]
+    assert stamp(first) == session.placement_times_ns[0, 0] - MCS_MARGIN_NS + 25_000_000
 
 
 def clip(polygon, normal, offset):
@@ -444,8 +477,8 @@ def corner_error(image, corner, directions, half):
 
 def corner_errors(image, camera, T_camera_board):
     """Errors (30, 2), px, of all inner corners of the board in a rendered image."""
-    spec = room_scene.TARGETS["board"]["pattern"]
-    project = lambda x, y: camera.project(transform(T_camera_board, [x, y, 0.0]))[0][0]  # noqa: E731
+    spec = SIMULATED_TARGETS["board"]["pattern"]
+    project = lambda x, y: camera.project(transform_points(T_camera_board, [x, y, 0.0]))[0][0]  # noqa: E731
     errors = []
     for i in range(spec["inner_corners"][0]):
         for j in range(spec["inner_corners"][1]):
@@ -462,14 +495,14 @@ def corner_errors(image, camera, T_camera_board):
 def board_views():
     """Camera, and unrounded images of two placements of the board with T_camera_board (4, 4)."""
     session = draw("--placements", "2", "--targets", "board")
-    view = render_image.view(session.rig.cameras["camera"])
+    view = compute_ray_grid(session.rig.camera_models["camera"])
     images = []
     for k in range(2):
-        T_world_camera = session.knots["robot"][k] @ session.rig.sensors["camera"]
-        surfaces = room_scene.poses({"board": session.knots["board"][k]})
-        image = render_image.render(view, session.scene, surfaces, T_world_camera)[..., 0]
-        images.append((image, inverse(T_world_camera) @ session.knots["board"][k]))
-    return session.rig.cameras["camera"], images
+        T_world_camera = session.placement_poses["robot"][k] @ session.rig.T_robot_sensor["camera"]
+        surfaces = place_surfaces({"board": session.placement_poses["board"][k]})
+        image = render_image(view, session.scene, surfaces, T_world_camera)[..., 0]
+        images.append((image, invert_pose(T_world_camera) @ session.placement_poses["board"][k]))
+    return session.rig.camera_models["camera"], images
 
 
 def test_corners_of_a_rendered_board_are_true_to_a_thousandth_of_a_pixel(board_views):
@@ -495,11 +528,11 @@ def test_rounding_to_8_bits_adds_less_than_a_thousandth_of_a_pixel(board_views):
 def test_an_edge_along_the_rows_of_pixels_is_true_to_a_thousandth_of_a_pixel(small_view, shift):
     """A board square to the camera: the worst case of samples on a grid. One pixel is 2.5 mm."""
     camera, scene, view = small_view
-    T_camera_board = pose(np.diag([1.0, -1.0, -1.0]), [shift, 0, 2.0])
-    T_world_camera = from_rpy([-1, 0, 2.0], np.deg2rad([-90, 0, -90]))
-    surfaces = room_scene.poses({"board": T_world_camera @ T_camera_board})
-    image = render_image.render(view, scene, surfaces, T_world_camera)[..., 0]
-    edge = camera.project(transform(T_camera_board, [0.04, 0.0, 0.0]))[0][0, 0]
+    T_camera_board = make_pose(np.diag([1.0, -1.0, -1.0]), [shift, 0, 2.0])
+    T_world_camera = pose_from_rpy([-1, 0, 2.0], np.deg2rad([-90, 0, -90]))
+    surfaces = place_surfaces({"board": T_world_camera @ T_camera_board})
+    image = render_image(view, scene, surfaces, T_world_camera)[..., 0]
+    edge = camera.project(transform_points(T_camera_board, [0.04, 0.0, 0.0]))[0][0, 0]
     columns = slice(108, 124)  # from the middle of one square to that of the next
     left, right = image[105, columns][[0, -1]]
     found = (image[102:110, columns] - right) / (left - right)
@@ -510,18 +543,20 @@ def test_an_edge_along_the_rows_of_pixels_is_true_to_a_thousandth_of_a_pixel(sma
 
 @pytest.fixture(scope="module")
 def small_view():
-    camera = Camera("radtan", (800, 800, 99.5, 99.5, 0, 0, 0, 0), (200, 200))
-    return camera, room_scene.build(["board"]), render_image.view(camera)
+    camera = CameraModel("radtan", (800, 800, 99.5, 99.5, 0, 0, 0, 0), (200, 200))
+    return camera, build_scene(["board"]), compute_ray_grid(camera)
 
 
 def test_interpolated_rays_of_a_distorted_camera_are_true_to_a_millionth_of_a_pixel():
     """Every sampled ray projects to its point in the pixel, the same one for all pixels."""
-    camera = Camera("radtan", (802.3, 801.1, 452.6, 347.9, -0.28, 0.09, 6e-4, -4e-4), (900, 700))
-    view = render_image.view(camera)
+    camera = CameraModel(
+        "radtan", (802.3, 801.1, 452.6, 347.9, -0.28, 0.09, 6e-4, -4e-4), (900, 700)
+    )
+    view = compute_ray_grid(camera)
     rng = np.random.default_rng(0)
     v, u = rng.integers(0, 690, 200), rng.integers(0, 890, 200)
     nodes = np.array([view.rays[v + i, u + j] for i in range(3) for j in range(3)])
-    for weights in render_image._weights(render_image.COARSE)[0]:
+    for weights in _interpolation_weights(COARSE_POINTS_PER_PIXEL)[0]:
         uv, _ = camera.project(np.einsum("p,pnc->nc", weights, nodes))
         within = uv - np.stack([u, v], -1)
         assert np.abs(within - within[0]).max() < 1e-6
@@ -530,6 +565,6 @@ def test_interpolated_rays_of_a_distorted_camera_are_true_to_a_millionth_of_a_pi
 
 def test_the_camera_that_is_drawn_depends_on_the_distortion_alone():
     one, two = (draw("--placements", "1", *k).rig for k in ((), DISTORTED))
-    assert one.cameras["camera"].params[:4] == two.cameras["camera"].params[:4]
-    assert two.cameras["camera"].params[4] == -0.1
-    assert np.array_equal(one.sensors["camera"], two.sensors["camera"])
+    assert one.camera_models["camera"].params[:4] == two.camera_models["camera"].params[:4]
+    assert two.camera_models["camera"].params[4] == -0.1
+    assert np.array_equal(one.T_robot_sensor["camera"], two.T_robot_sensor["camera"])

@@ -5,8 +5,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from calib.io import parquet_tables, table_schemas
-from calib.io.status import OK, InputError, failed
+from calib.io import table_schemas
+from calib.io.parquet_tables import (
+    concatenate_columns,
+    empty_columns,
+    read_table,
+    select_rows,
+    write_table,
+)
+from calib.io.status import OK, InputError, failure_status
+from calib.io.table_schemas import FRAMES_SCHEMA, MOCAP_SCHEMA
 
 SCHEMAS = {
     value.metadata[b"table"].decode(): value
@@ -64,8 +72,8 @@ def test_there_is_a_table_for_every_exchange():
 @every_schema
 def test_a_table_comes_back_exactly(schema, tmp_path):
     columns = example(schema)
-    parquet_tables.write(tmp_path / "t.parquet", schema, columns)
-    found, status, notes = parquet_tables.read(tmp_path / "t.parquet", schema)
+    write_table(tmp_path / "t.parquet", schema, columns)
+    found, status, notes = read_table(tmp_path / "t.parquet", schema)
     assert_same(found, columns)
     assert status == OK and notes == {}
 
@@ -73,18 +81,18 @@ def test_a_table_comes_back_exactly(schema, tmp_path):
 @every_schema
 def test_the_same_rows_are_the_same_bytes_also_after_reading_them(schema, tmp_path):
     a, b, c = (tmp_path / name for name in "abc")
-    parquet_tables.write(a, schema, example(schema), notes={"y": 1, "x": 2})
-    parquet_tables.write(b, schema, example(schema), notes={"x": 2, "y": 1})
-    found, status, notes = parquet_tables.read(a, schema)
-    parquet_tables.write(c, schema, dict(reversed(found.items())), status, notes)
+    write_table(a, schema, example(schema), notes={"y": 1, "x": 2})
+    write_table(b, schema, example(schema), notes={"x": 2, "y": 1})
+    found, status, notes = read_table(a, schema)
+    write_table(c, schema, dict(reversed(found.items())), status, notes)
     assert a.read_bytes() == b.read_bytes() == c.read_bytes()
 
 
 @every_schema
 def test_a_table_of_no_row_comes_back_with_its_types(schema, tmp_path):
-    parquet_tables.write(tmp_path / "t.parquet", schema, parquet_tables.empty(schema))
-    found, _, _ = parquet_tables.read(tmp_path / "t.parquet", schema)
-    assert_same(found, parquet_tables.empty(schema))
+    write_table(tmp_path / "t.parquet", schema, empty_columns(schema))
+    found, _, _ = read_table(tmp_path / "t.parquet", schema)
+    assert_same(found, empty_columns(schema))
     some = example(schema)
     for name, column in found.items():
         assert len(column) == 0
@@ -95,94 +103,92 @@ def test_a_table_of_no_row_comes_back_with_its_types(schema, tmp_path):
 
 @every_schema
 def test_columns_of_python_lists_of_no_row_are_accepted(schema, tmp_path):
-    parquet_tables.write(tmp_path / "t.parquet", schema, {name: [] for name in schema.names})
-    assert_same(
-        parquet_tables.read(tmp_path / "t.parquet", schema)[0], parquet_tables.empty(schema)
-    )
+    write_table(tmp_path / "t.parquet", schema, {name: [] for name in schema.names})
+    assert_same(read_table(tmp_path / "t.parquet", schema)[0], empty_columns(schema))
 
 
 @every_schema
 def test_every_column_is_required_and_states_what_it_is(schema):
     assert not any(field.nullable for field in schema)
     units = {field.name: field.metadata for field in schema}
-    for name in {"t", "log_t", "start", "end", "dt"} & set(units):
+    for name in {"stamp_ns", "log_time_ns", "start_ns", "end_ns", "point_time_ns"} & set(units):
         assert units[name][b"unit"] == b"ns"
 
 
 def test_status_and_notes_survive(tmp_path):
-    status = failed("no board found", 0, "1 or more", "Turn the light on.")
+    status = failure_status("no board found", 0, "1 or more", "Turn the light on.")
     notes = {"left": {"found": 3, "words": "ä"}, "list": [1, 2.5, None]}
-    parquet_tables.write(
+    write_table(
         tmp_path / "t",
-        table_schemas.FRAMES,
-        parquet_tables.empty(table_schemas.FRAMES),
+        FRAMES_SCHEMA,
+        empty_columns(FRAMES_SCHEMA),
         status,
         notes,
     )
-    _, found, read = parquet_tables.read(tmp_path / "t", table_schemas.FRAMES)
+    _, found, read = read_table(tmp_path / "t", FRAMES_SCHEMA)
     assert found == status and not found.ok
     assert str(found) == "no board found; found 0; expected 1 or more. Turn the light on."
     assert read == notes
 
 
 def test_a_missing_column_is_refused_with_the_file_and_what_is_expected(tmp_path):
-    columns = example(table_schemas.FRAMES)
+    columns = example(FRAMES_SCHEMA)
     del columns["size"]
     with pytest.raises(ValueError, match=r"t\.parquet: columns .*expected .*'size'"):
-        parquet_tables.write(tmp_path / "t.parquet", table_schemas.FRAMES, columns)
+        write_table(tmp_path / "t.parquet", FRAMES_SCHEMA, columns)
     assert not (tmp_path / "t.parquet").exists()
 
 
 def test_an_extra_column_is_refused(tmp_path):
     with pytest.raises(ValueError, match="'colour'"):
-        parquet_tables.write(
+        write_table(
             tmp_path / "t",
-            table_schemas.FRAMES,
-            example(table_schemas.FRAMES) | {"colour": [1] * 5},
+            FRAMES_SCHEMA,
+            example(FRAMES_SCHEMA) | {"colour": [1] * 5},
         )
 
 
 def test_columns_of_different_length_are_refused(tmp_path):
-    columns = example(table_schemas.FRAMES)
-    columns["t"] = columns["t"][:-1]
+    columns = example(FRAMES_SCHEMA)
+    columns["stamp_ns"] = columns["stamp_ns"][:-1]
     with pytest.raises(ValueError, match="length"):
-        parquet_tables.write(tmp_path / "t", table_schemas.FRAMES, columns)
+        write_table(tmp_path / "t", FRAMES_SCHEMA, columns)
 
 
 def test_a_fraction_does_not_get_into_a_column_of_whole_numbers(tmp_path):
-    columns = example(table_schemas.FRAMES) | {"t": np.full(5, 0.5)}
+    columns = example(FRAMES_SCHEMA) | {"stamp_ns": np.full(5, 0.5)}
     with pytest.raises(ValueError):
-        parquet_tables.write(tmp_path / "t", table_schemas.FRAMES, columns)
+        write_table(tmp_path / "t", FRAMES_SCHEMA, columns)
 
 
 def test_another_table_is_refused_with_both_names_and_the_remedy(tmp_path):
-    parquet_tables.write(tmp_path / "t", table_schemas.FRAMES, example(table_schemas.FRAMES))
+    write_table(tmp_path / "t", FRAMES_SCHEMA, example(FRAMES_SCHEMA))
     with pytest.raises(InputError) as caught:
-        parquet_tables.read(tmp_path / "t", table_schemas.MOCAP)
+        read_table(tmp_path / "t", MOCAP_SCHEMA)
     assert "t holds frames version 1, this stage reads mocap version" in str(caught.value)
     assert "re-run the stage that wrote it" in str(caught.value)
 
 
 def test_another_version_is_refused_with_both_versions(tmp_path):
-    newer = table_schemas.FRAMES.with_metadata({"table": "frames", "version": "99"})
-    parquet_tables.write(tmp_path / "t", newer, example(table_schemas.FRAMES))
+    newer = FRAMES_SCHEMA.with_metadata({"table": "frames", "version": "99"})
+    write_table(tmp_path / "t", newer, example(FRAMES_SCHEMA))
     with pytest.raises(
         InputError, match="holds frames version 99, this stage reads frames version"
     ):
-        parquet_tables.read(tmp_path / "t", table_schemas.FRAMES)
+        read_table(tmp_path / "t", FRAMES_SCHEMA)
 
 
 def test_other_columns_under_the_same_name_and_version_are_refused(tmp_path):
-    altered = table_schemas.FRAMES.set(1, pa.field("t", pa.float64(), nullable=False))
-    parquet_tables.write(tmp_path / "t", altered, parquet_tables.empty(altered))
+    altered = FRAMES_SCHEMA.set(1, pa.field("stamp_ns", pa.float64(), nullable=False))
+    write_table(tmp_path / "t", altered, empty_columns(altered))
     with pytest.raises(InputError, match="re-run the stage that wrote it"):
-        parquet_tables.read(tmp_path / "t", table_schemas.FRAMES)
+        read_table(tmp_path / "t", FRAMES_SCHEMA)
 
 
 def test_a_parquet_file_of_someone_else_is_refused(tmp_path):
     pq.write_table(pa.table({"a": [1]}), tmp_path / "t")
     with pytest.raises(InputError, match=r"holds \? version \?, this stage reads frames"):
-        parquet_tables.read(tmp_path / "t", table_schemas.FRAMES)
+        read_table(tmp_path / "t", FRAMES_SCHEMA)
 
 
 # --- rows
@@ -191,11 +197,11 @@ def test_a_parquet_file_of_someone_else_is_refused(tmp_path):
 @every_schema
 def test_rows_are_selected_by_mask_and_by_index(schema):
     columns = example(schema)
-    by_mask = parquet_tables.select(columns, np.array([False, True, False, True, False]))
-    assert_same(by_mask, parquet_tables.select(columns, [1, 3]))
+    by_mask = select_rows(columns, np.array([False, True, False, True, False]))
+    assert_same(by_mask, select_rows(columns, [1, 3]))
     for name, column in columns.items():
         np.testing.assert_array_equal(by_mask[name][1], column[3])
-    turned = parquet_tables.select(columns, np.array([4, 0]))
+    turned = select_rows(columns, np.array([4, 0]))
     for name, column in columns.items():
         np.testing.assert_array_equal(turned[name][0], column[4])
 
@@ -205,29 +211,29 @@ def test_rows_are_selected_by_mask_and_by_index(schema):
     "rows", [np.zeros(5, bool), np.zeros(0, int), []], ids=["mask", "index", "list"]
 )
 def test_no_row_may_be_selected(schema, rows):
-    assert_same(parquet_tables.select(example(schema), rows), parquet_tables.empty(schema))
+    assert_same(select_rows(example(schema), rows), empty_columns(schema))
 
 
 @every_schema
 def test_parts_are_concatenated_in_order(schema, tmp_path):
     a, b = example(schema, 5, 1), example(schema, 7, 2)
-    both = parquet_tables.concatenate([b, a], schema)
-    assert_same(parquet_tables.select(both, np.arange(7)), b)
-    assert_same(parquet_tables.select(both, np.arange(7, 12)), a)
-    parquet_tables.write(tmp_path / "t", schema, both)
-    assert_same(parquet_tables.read(tmp_path / "t", schema)[0], both)
+    both = concatenate_columns([b, a], schema)
+    assert_same(select_rows(both, np.arange(7)), b)
+    assert_same(select_rows(both, np.arange(7, 12)), a)
+    write_table(tmp_path / "t", schema, both)
+    assert_same(read_table(tmp_path / "t", schema)[0], both)
 
 
 @every_schema
 def test_parts_without_a_row_add_nothing(schema):
-    a, none = example(schema), parquet_tables.empty(schema)
-    assert_same(parquet_tables.concatenate([none, a, none], schema), a)
+    a, none = example(schema), empty_columns(schema)
+    assert_same(concatenate_columns([none, a, none], schema), a)
 
 
 @every_schema
 def test_no_part_gives_no_row_of_the_right_types(schema):
-    assert_same(parquet_tables.concatenate([], schema), parquet_tables.empty(schema))
+    assert_same(concatenate_columns([], schema), empty_columns(schema))
     assert_same(
-        parquet_tables.concatenate([parquet_tables.empty(schema)], schema),
-        parquet_tables.empty(schema),
+        concatenate_columns([empty_columns(schema)], schema),
+        empty_columns(schema),
     )

@@ -5,15 +5,15 @@ import json
 import numpy as np
 import pytest
 
-import runs
-from calib.geometry import se3
+from calib.geometry.se3 import invert_pose, se3_log
+from runs import SMALL_ARGUMENTS, run_to_completion, simulate_into
 
 NOISE = "--range-noise-m 0.005 --image-noise 1.8 --mcs-noise-m 0.0001 --mcs-noise-deg 0.01"
 
 
 def told(folder):
     """(verdict.json, calibration.json) of a log."""
-    runs.completed(folder, "results/sim/verdict.json")
+    run_to_completion(folder, "results/sim/verdict.json")
     home = folder / "results/sim"
     return [json.loads((home / f"{n}.json").read_text()) for n in ("verdict", "calibration")]
 
@@ -21,8 +21,8 @@ def told(folder):
 @pytest.fixture(scope="module")
 def resting(tmp_path_factory):
     """One placement, and nothing that moves."""
-    arguments = runs.SMALL.replace("--placements 4", "--placements 1")
-    return told(runs.simulated(tmp_path_factory.mktemp("resting"), arguments))
+    arguments = SMALL_ARGUMENTS.replace("--placements 4", "--placements 1")
+    return told(simulate_into(tmp_path_factory.mktemp("resting"), arguments))
 
 
 def test_a_single_placement_fails_and_says_to_hold_targets_in_more_places(resting):
@@ -44,9 +44,9 @@ def test_where_nothing_moves_no_clock_is_told(resting):
 def upright(tmp_path_factory):
     """Robot and board turn about the vertical only; the board sits 4 mm and 0.5° off in its body,
     as its alignment_sigma says."""
-    arguments = runs.SMALL.replace("--placements 4", "--placements 6")
+    arguments = SMALL_ARGUMENTS.replace("--placements 4", "--placements 6")
     arguments += f" --targets board --upright --mount-m 0.004 --mount-deg 0.5 {NOISE}"
-    folder = runs.simulated(tmp_path_factory.mktemp("upright"), arguments)
+    folder = simulate_into(tmp_path_factory.mktemp("upright"), arguments)
     return *told(folder), json.loads((folder / "truth.json").read_text())
 
 
@@ -62,7 +62,7 @@ def test_what_only_the_prior_tells_stands_in_the_sigma_of_the_sensors(upright):
     _, calibration, truth = upright
     for name, sensor in calibration["sensors"].items():
         T = np.array(truth["sensors"][name]["T_robot_sensor"]["matrix"])
-        off = se3.se3_log(se3.inverse(T) @ sensor["T_robot_sensor"]["matrix"])
+        off = se3_log(invert_pose(T) @ sensor["T_robot_sensor"]["matrix"])
         spread = np.array(sensor["covariance"])
         assert off @ np.linalg.solve(spread, off) / 6 < 2.8, name  # 1 % of honest ones exceed it
         assert np.sqrt(np.trace(spread[:3, :3])) == pytest.approx(0.004, rel=0.1), name

@@ -12,13 +12,26 @@ from hypothesis import strategies as st
 
 import export
 import guess
-import runs
-from calib.export import urdf_sensor_joints
-from calib.export.calibrated_scene import T_BODY_OPTICAL, Scene, Sensor
-from calib.geometry import se3
-from calib.initial_guess import previous_calibration, stated_pose
-from calib.io import config, pose_block, stage_cli, urdf_file
+from calib.export.calibrated_scene import T_BODY_OPTICAL, ExportScene, ExportSensor
+from calib.export.urdf_sensor_joints import compute_joint_origins
+from calib.geometry.se3 import invert_pose, pose_from_rpy, se3_exp, se3_log, transform_points
+from calib.initial_guess.previous_calibration import read_previous_calibration
+from calib.initial_guess.stated_pose import read_pose_guess
+from calib.io import config
+from calib.io.pose_block import pose_from_config, pose_json
+from calib.io.stage_cli import read_json, write_json
 from calib.io.status import InputError
+from calib.io.urdf_file import fixed_joint_transforms, read_urdf_joints, replace_joint_origins
+from export import patch_urdf
+from runs import (
+    edit_yaml,
+    list_job_commands,
+    list_planned_jobs,
+    run_snakemake,
+    run_to_completion,
+    simulated_config_path,
+    simulated_rig_path,
+)
 
 ROBOT = """\
 <?xml version='1.0'  encoding="utf-8"?>
@@ -55,17 +68,17 @@ ROBOT = """\
 </robot>
 
 """  # noqa: E501
-T_BASE_LIDAR = se3.from_rpy([0.31, 0.02, 0.64], [0.02, -0.03, 0.25])
-T_BASE_CAMERA = se3.from_rpy([0.4, -0.1, 0.6], [-1.6, 0.03, -1.5])
+T_BASE_LIDAR = pose_from_rpy([0.31, 0.02, 0.64], [0.02, -0.03, 0.25])
+T_BASE_CAMERA = pose_from_rpy([0.4, -0.1, 0.6], [-1.6, 0.03, -1.5])
 
 
 def described(parent="base_link", **poses):
     """A Scene of sensors T_parent_sensor (4, 4) by name; cameras are called so."""
     sensors = {
-        n: Sensor(n, "camera" if "camera" in n else "lidar", f"/{n}", n, T)
+        n: ExportSensor(n, "camera" if "camera" in n else "lidar", f"/{n}", n, T)
         for n, T in poses.items()
     }
-    return Scene("husky", parent, np.eye(4), "mocap/robot", sensors)
+    return ExportScene("husky", parent, np.eye(4), "mocap/robot", sensors)
 
 
 def robot_of(text):
@@ -74,16 +87,18 @@ def robot_of(text):
 
 def patched(text, shown):
     data = text.encode()
-    joints = urdf_file.read(data, "robot.urdf")
-    placed, unplaced = urdf_sensor_joints.poses(joints, shown)
-    return urdf_file.patched(data, joints, placed).decode(), placed, unplaced
+    joints = read_urdf_joints(data, "robot.urdf")
+    placed, unplaced = compute_joint_origins(joints, shown)
+    return replace_joint_origins(data, joints, placed).decode(), placed, unplaced
 
 
 def same(found, expected):
     """The same SE(3) to 1e-9, and a point goes where it should."""
-    assert np.abs(se3.se3_log(se3.inverse(expected) @ found)).max() < 1e-9
+    assert np.abs(se3_log(invert_pose(expected) @ found)).max() < 1e-9
     p = np.array([0.3, -1.2, 2.5])
-    assert found[:3, :3] @ p + found[:3, 3] == pytest.approx(se3.transform(expected, p), abs=1e-9)
+    assert found[:3, :3] @ p + found[:3, 3] == pytest.approx(
+        transform_points(expected, p), abs=1e-9
+    )
 
 
 # --- reading
@@ -91,13 +106,13 @@ def same(found, expected):
 
 def test_joints_are_read_as_another_reader_reads_them():
     robot = robot_of(ROBOT)
-    joints = {j.name: j for j in urdf_file.read(ROBOT.encode(), "robot.urdf")}
+    joints = {j.name: j for j in read_urdf_joints(ROBOT.encode(), "robot.urdf")}
     assert set(joints) == set(robot.joint_map)
     for name, joint in joints.items():
         theirs = robot.joint_map[name]
         assert (joint.type, joint.parent, joint.child) == (theirs.type, theirs.parent, theirs.child)
         if joint.type == "fixed":
-            same(joint.T, robot.get_transform(joint.child, joint.parent))
+            same(joint.T_parent_child, robot.get_transform(joint.child, joint.parent))
 
 
 @pytest.mark.parametrize(
@@ -114,14 +129,14 @@ def test_joints_are_read_as_another_reader_reads_them():
 )
 def test_what_is_no_urdf_is_refused_in_words(text, words):
     with pytest.raises(InputError) as caught:
-        urdf_file.read(text.encode(), "robot.urdf")
+        read_urdf_joints(text.encode(), "robot.urdf")
     assert words in str(caught.value)
 
 
 def test_an_encoding_in_which_tags_cannot_be_found_is_refused():
     text = ROBOT.replace("utf-8", "utf-16")
     with pytest.raises(InputError, match="encoded as neither UTF-8 nor ASCII; convert it"):
-        urdf_file.read(text.encode("utf-16"), "robot.urdf")
+        read_urdf_joints(text.encode("utf-16"), "robot.urdf")
 
 
 # --- patching
@@ -169,14 +184,14 @@ def test_line_ends_and_a_byte_order_mark_stay():
 
 
 def test_the_parent_may_hang_below_the_base():
-    T_mast_lidar = se3.from_rpy([0.1, 0.2, 0.3], [0.1, 0.2, 0.3])
+    T_mast_lidar = pose_from_rpy([0.1, 0.2, 0.3], [0.1, 0.2, 0.3])
     text, _, unplaced = patched(ROBOT, described("mast", velodyne=T_mast_lidar))
     assert not unplaced
     same(robot_of(text).get_transform("velodyne", "mast"), T_mast_lidar)
 
 
 def test_the_parent_may_be_a_sensor_of_the_robot():
-    T_lidar_camera = se3.inverse(T_BASE_LIDAR) @ T_BASE_CAMERA
+    T_lidar_camera = invert_pose(T_BASE_LIDAR) @ T_BASE_CAMERA
     shown = described("velodyne", velodyne=np.eye(4), camera=T_lidar_camera)
     text, placed, unplaced = patched(ROBOT, shown)
     assert set(placed) == {"camera_link"} and not unplaced
@@ -196,10 +211,10 @@ numbers = st.floats(-3, 3, allow_nan=False)
 @settings(max_examples=60, deadline=None)
 @given(st.lists(numbers, min_size=12, max_size=12))
 def test_any_pose_comes_back_from_the_file(values):
-    lidar, camera = se3.se3_exp(np.reshape(values, (2, 6)))
+    lidar, camera = se3_exp(np.reshape(values, (2, 6)))
     text, _, _ = patched(ROBOT, described(velodyne=lidar, camera=camera))
-    joints = urdf_file.read(text.encode(), "robot.urdf")
-    edges = urdf_file.fixed(joints)
+    joints = read_urdf_joints(text.encode(), "robot.urdf")
+    edges = fixed_joint_transforms(joints)
     T = edges["base_link", "mast"] @ edges["mast", "velodyne"]
     assert np.abs(T - lidar).max() < 1e-12
     T = T @ edges["velodyne", "camera_link"] @ edges["camera_link", "camera"]
@@ -238,10 +253,10 @@ def test_the_first_state_of_the_file_stays_beside_it(tmp_path):
     path = tmp_path / "robot.urdf"
     path.write_text(ROBOT)
     path.chmod(0o640)
-    export.patch(path, described(velodyne=T_BASE_LIDAR))
+    patch_urdf(path, described(velodyne=T_BASE_LIDAR))
     once = path.read_text()
     assert once != ROBOT and (tmp_path / "robot.urdf.before-calibration").read_text() == ROBOT
-    export.patch(path, described(velodyne=T_BASE_CAMERA))
+    patch_urdf(path, described(velodyne=T_BASE_CAMERA))
     assert path.read_text() not in (ROBOT, once)
     assert (tmp_path / "robot.urdf.before-calibration").read_text() == ROBOT
     assert stat.S_IMODE(path.stat().st_mode) == 0o640
@@ -252,7 +267,7 @@ def test_a_file_that_already_holds_the_calibration_is_not_touched(tmp_path):
     path = tmp_path / "robot.urdf"
     path.write_text(patched(ROBOT, described(velodyne=T_BASE_LIDAR))[0])
     before = path.stat()
-    export.patch(path, described(velodyne=T_BASE_LIDAR))
+    patch_urdf(path, described(velodyne=T_BASE_LIDAR))
     assert path.stat().st_mtime_ns == before.st_mtime_ns and path.stat().st_ino == before.st_ino
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -266,14 +281,14 @@ def test_a_write_that_fails_leaves_the_file_whole(tmp_path, monkeypatch):
 
     monkeypatch.setattr(export.os, "fsync", full)
     with pytest.raises(InputError, match="no space left on its disk; free some"):
-        export.patch(path, described(velodyne=T_BASE_LIDAR))
+        patch_urdf(path, described(velodyne=T_BASE_LIDAR))
     assert path.read_text() == ROBOT and len(list(tmp_path.iterdir())) == 1
 
 
 def test_a_link_to_the_file_stays_a_link(tmp_path):
     (tmp_path / "real.urdf").write_text(ROBOT)
     (tmp_path / "robot.urdf").symlink_to("real.urdf")
-    export.patch(tmp_path / "robot.urdf", described(velodyne=T_BASE_LIDAR))
+    patch_urdf(tmp_path / "robot.urdf", described(velodyne=T_BASE_LIDAR))
     assert (tmp_path / "robot.urdf").is_symlink()
     assert (tmp_path / "real.urdf").read_text() != ROBOT
 
@@ -284,15 +299,15 @@ T_BASE_ROBOT = {"xyz_m": [0.05, -0.1, 0.2], "rpy_deg": [1, 2, -30]}
 
 
 @pytest.fixture
-def mounted(again):
+def mounted(finished_run_copy):
     """A finished run whose rig now names a URDF."""
-    (again / "robot.urdf").write_text(ROBOT)
+    (finished_run_copy / "robot.urdf").write_text(ROBOT)
     block = {
         "urdf": "robot.urdf",
         "parent": {"frame": "base_link", "T_parent_robot": T_BASE_ROBOT},
     }
-    runs.edit(runs.rig(again), lambda r: r.update(export=block))
-    return again
+    edit_yaml(simulated_rig_path(finished_run_copy), lambda r: r.update(export=block))
+    return finished_run_copy
 
 
 def result(folder):
@@ -301,32 +316,32 @@ def result(folder):
 
 
 def test_a_run_writes_the_calibration_into_the_urdf_and_then_plans_nothing(mounted):
-    assert {rule for rule, _ in runs.planned(mounted)} == {"export"}
-    runs.completed(mounted)
+    assert {rule for rule, _ in list_planned_jobs(mounted)} == {"export"}
+    run_to_completion(mounted)
     text = (mounted / "robot.urdf").read_text()
     for name, T_robot_sensor in result(mounted).items():
         found = robot_of(text).get_transform(name, "base_link")
-        same(found, pose_block.pose(T_BASE_ROBOT) @ T_robot_sensor)
-    assert not runs.planned(mounted)
+        same(found, pose_from_config(T_BASE_ROBOT) @ T_robot_sensor)
+    assert not list_planned_jobs(mounted)
     index = (mounted / "results/sim/export/README.md").read_text()
     assert "## robot.urdf" in index and "the joint above link `camera_link`" in index
     # Put back by its owner, it is patched again.
     (mounted / "robot.urdf").write_text(ROBOT)
-    assert {rule for rule, _ in runs.planned(mounted)} == {"export"}
-    runs.completed(mounted)
+    assert {rule for rule, _ in list_planned_jobs(mounted)} == {"export"}
+    run_to_completion(mounted)
     assert (mounted / "robot.urdf").read_text() == text
 
 
 def test_a_failed_verdict_leaves_the_urdf_as_it_was(mounted):
     limits = {"fail_placements": 99, "warn_placements": 99}
-    runs.edit(runs.config(mounted), lambda c: c.update(judge=limits))
-    assert runs.snakemake(mounted).returncode == 1
+    edit_yaml(simulated_config_path(mounted), lambda c: c.update(judge=limits))
+    assert run_snakemake(mounted).returncode == 1
     assert (mounted / "robot.urdf").read_text() == ROBOT
 
 
 def test_a_urdf_in_which_no_sensor_can_be_placed_ends_the_run_with_the_reason(mounted):
-    runs.edit(runs.rig(mounted), lambda r: r["export"]["parent"].update(frame="base"))
-    run = runs.snakemake(mounted)
+    edit_yaml(simulated_rig_path(mounted), lambda r: r["export"]["parent"].update(frame="base"))
+    run = run_snakemake(mounted)
     assert run.returncode == 1
     last = run.stderr.split("sim: STOPPED")[1]
     assert (
@@ -342,25 +357,25 @@ def test_guesses_come_from_the_urdf_as_it_was_before_the_calibration(mounted, mo
         for sensor in r["sensors"].values():
             sensor.pop("T_robot_sensor")
 
-    runs.edit(runs.rig(mounted), forget)
-    before = runs.commands(mounted)["guess", "camera"]
-    joints = urdf_file.read(ROBOT.encode(), "")
-    shown = described(**{n: pose_block.pose(T_BASE_ROBOT) @ T for n, T in result(mounted).items()})
-    export.patch(mounted / "robot.urdf", shown)
+    edit_yaml(simulated_rig_path(mounted), forget)
+    before = list_job_commands(mounted)["guess", "camera"]
+    joints = read_urdf_joints(ROBOT.encode(), "")
+    shown = described(**{n: pose_from_config(T_BASE_ROBOT) @ T for n, T in result(mounted).items()})
+    patch_urdf(mounted / "robot.urdf", shown)
     assert (mounted / "robot.urdf").read_text() != ROBOT
-    assert runs.commands(mounted)["guess", "camera"] == before
+    assert list_job_commands(mounted)["guess", "camera"] == before
     found = mounted / "found.json"
     arguments = list(before)
     arguments[arguments.index("--output") + 1] = str(found)
     arguments[arguments.index("--audit") + 1] = str(mounted / "results/sim/sim/log.json")
     monkeypatch.chdir(mounted)
     guess.main(arguments)
-    told = stage_cli.read_json(found)
+    told = read_json(found)
     assert told["source"] == "robot.urdf"
     T = np.eye(4)
     for joint in joints[:4]:
-        T = T @ joint.T
-    expected = se3.inverse(pose_block.pose(T_BASE_ROBOT)) @ T
+        T = T @ joint.T_parent_child
+    expected = invert_pose(pose_from_config(T_BASE_ROBOT)) @ T
     same(np.array(told["T_robot_sensor"]["matrix"]), expected)
 
 
@@ -371,34 +386,34 @@ RIG = {"body": "mocap/robot", "export": {}, "sensors": {"velodyne": {}, "camera"
 
 def test_an_earlier_calibration_gives_its_poses_by_sensor(tmp_path):
     old = tmp_path / "old.json"
-    poses = {"velodyne": pose_block.pose_json(T_BASE_LIDAR), "camera": None, "gone": None}
-    stage_cli.write_json(old, {"sensors": {n: {"T_robot_sensor": T} for n, T in poses.items()}})
-    found = previous_calibration.read(str(old), RIG)
+    poses = {"velodyne": pose_json(T_BASE_LIDAR), "camera": None, "gone": None}
+    write_json(old, {"sensors": {n: {"T_robot_sensor": T} for n, T in poses.items()}})
+    found = read_previous_calibration(str(old), RIG)
     assert set(found) == {"velodyne"} and found["velodyne"]["source"] == "old.json"
     same(np.array(found["velodyne"]["T_robot_sensor"]["matrix"]), T_BASE_LIDAR)
     options = {"name": "velodyne", "sensor": {}, "given": found, "body": "mocap/robot"}
     options["guess"] = {"sigma": {"xyz_m": 0.05, "rpy_deg": 5}}
     audit = {"sensors": {"velodyne": {"frame": "velodyne"}}, "static": []}
-    source, guessed = stated_pose.stated("velodyne", {}, options, audit)
+    source, guessed = read_pose_guess("velodyne", {}, options, audit)
     assert source == "old.json"
     same(guessed.T_robot_sensor, T_BASE_LIDAR)
 
 
 def test_the_rig_s_own_pose_goes_before_the_file_and_the_file_before_the_log():
     own, given = (
-        {"T_robot_sensor": pose_block.pose_json(T_BASE_LIDAR)},
-        pose_block.pose_json(T_BASE_CAMERA),
+        {"T_robot_sensor": pose_json(T_BASE_LIDAR)},
+        pose_json(T_BASE_CAMERA),
     )
     own = {"T_robot_sensor": {"matrix": T_BASE_LIDAR.tolist()}}
     options = {"given": {"s": {"source": "old.json", "T_robot_sensor": given}}, "body": "b"}
     options["guess"] = {"sigma": {"xyz_m": 0.05, "rpy_deg": 5}}
     static = [{"parent": "b", "child": "f", "T": {"xyz_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 1]}}]
     audit = {"sensors": {"s": {"frame": "f"}}, "static": static}
-    assert stated_pose.stated("s", own, options, audit)[0] == "config"
-    assert stated_pose.stated("s", {}, options, audit)[0] == "old.json"
-    assert stated_pose.stated("s", {}, options | {"given": {}}, audit)[0] == "tf_static"
+    assert read_pose_guess("s", own, options, audit)[0] == "config"
+    assert read_pose_guess("s", {}, options, audit)[0] == "old.json"
+    assert read_pose_guess("s", {}, options | {"given": {}}, audit)[0] == "tf_static"
     lost = {"s": {"source": "robot.urdf", "static": [static[0] | {"child": "elsewhere"}]}}
-    assert stated_pose.stated("s", {}, options | {"given": lost}, audit)[0] == "tf_static"
+    assert read_pose_guess("s", {}, options | {"given": lost}, audit)[0] == "tf_static"
 
 
 @pytest.mark.parametrize(
@@ -412,20 +427,20 @@ def test_the_rig_s_own_pose_goes_before_the_file_and_the_file_before_the_log():
 def test_a_file_that_gives_no_guess_is_refused_in_words(tmp_path, content, words):
     (tmp_path / "old.json").write_text(content)
     with pytest.raises(InputError) as caught:
-        previous_calibration.read(str(tmp_path / "old.json"), RIG)
+        read_previous_calibration(str(tmp_path / "old.json"), RIG)
     assert words in str(caught.value)
 
 
 def test_a_result_is_not_its_own_first_guess(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="copy it out of results/"):
-        previous_calibration.read("results/sim/calibration.json", RIG)
+        read_previous_calibration("results/sim/calibration.json", RIG)
 
 
 def test_a_urdf_that_does_not_know_the_robot_s_body_says_what_to_write(tmp_path):
     (tmp_path / "robot.urdf").write_text(ROBOT)
     with pytest.raises(InputError, match="state as export.parent a link of it, frame, with T_p"):
-        previous_calibration.read(str(tmp_path / "robot.urdf"), RIG)
+        read_previous_calibration(str(tmp_path / "robot.urdf"), RIG)
 
 
 # --- what the rig's file says
@@ -457,12 +472,12 @@ def complete(**more):
 )  # fmt: skip
 def test_a_wrong_export_block_is_refused_before_anything_runs(tmp_path, more, words):
     path = tmp_path / "sim.yaml"
-    stage_cli.write_json(path, complete(**more))
+    write_json(path, complete(**more))
     with pytest.raises(InputError) as caught:
-        config._rig(str(path))
+        config._load_rig(str(path))
     assert words in str(caught.value)
 
 
 def test_rep_103_turns_the_optical_frame_into_the_body():
-    T = se3.from_rpy([0, 0, 0], [-np.pi / 2, 0, -np.pi / 2])
+    T = pose_from_rpy([0, 0, 0], [-np.pi / 2, 0, -np.pi / 2])
     assert np.abs(T - T_BODY_OPTICAL).max() < 1e-15

@@ -8,65 +8,75 @@ from types import SimpleNamespace
 
 import yaml
 
-import containers
-import simulate
-from calib.io import parquet_tables, table_schemas
-from calib.report.sections import recording_audit
-from simulation import config_and_truth, record_session
-from wrecks_camera import CAMERA
-from wrecks_lidar import LIDAR
-from wrecks_log import LOG
-from wrecks_mocap import MOCAP
+from calib.io.parquet_tables import read_table
+from calib.io.table_schemas import CAMERA_VIEWS_SCHEMA, KEYPOINTS_SCHEMA, LIDAR_VIEWS_SCHEMA
+from calib.report.sections.recording_audit import list_log_notes
+from containers import write_test_mcap
+from simulate import draw_sessions, parse_simulation_arguments
+from simulation.config_and_truth import write_simulated_config, write_truth
+from simulation.record_session import generate_messages
+from wrecks_camera import CAMERA_FAULTS
+from wrecks_lidar import LIDAR_FAULTS
+from wrecks_log import FILE_FAULTS
+from wrecks_mocap import MOCAP_FAULTS
 
-CLEAN = (
+CLEAN_ARGUMENTS = (
     "--placements 8 --hold-s 1.5 --move-s 0.7 --sector-deg 45 --camera-hz 2 --encoding mono8 "
     "--seed 11 --range-noise-m 0.01 --image-noise 1.8 --blur-px 0.7 --mcs-noise-m 0.00015 "
     "--mcs-noise-deg 0.02 --mcs-bias-m 0.00005 --mcs-bias-deg 0.005"
 )
-GROUPS = {
-    "Motion capture": MOCAP,
-    "Lidars": LIDAR,
-    "Cameras": CAMERA,
-    "Files, config and targets": LOG,
+FAULT_GROUPS = {
+    "Motion capture": MOCAP_FAULTS,
+    "Lidars": LIDAR_FAULTS,
+    "Cameras": CAMERA_FAULTS,
+    "Files, config and targets": FILE_FAULTS,
 }
-FAULTS = {name: fault for group in GROUPS.values() for name, fault in group.items()}
-RESULTS = "results/sim"
-USUAL = {"", "not still", "not a new pose", "enough placements", "enough frames of this placement"}
+FAULT_CASES = {name: fault for group in FAULT_GROUPS.values() for name, fault in group.items()}
+RESULTS_FOLDER = "results/sim"
+EXPECTED_REASONS = {
+    "",
+    "not still",
+    "not a new pose",
+    "enough placements",
+    "enough frames of this placement",
+}
 
 
 @cache
-def simulated(arguments):
+def simulate_clean_rows(arguments):
     """(sessions, guesses, rows of the log) of simulate.py with the clean log's arguments and
     these."""
-    args = simulate.parse(["unused", *CLEAN.split(), *arguments.split()])
-    sessions, guesses = simulate.draw(args)
-    return sessions, guesses, list(record_session.messages(sessions[0]))
+    args = parse_simulation_arguments(["unused", *CLEAN_ARGUMENTS.split(), *arguments.split()])
+    sessions, guesses = draw_sessions(args)
+    return sessions, guesses, list(generate_messages(sessions[0]))
 
 
-def write(folder, fault=None):
+def write_fault_run(folder, fault=None):
     """A working directory with the log that has a fault (None: the clean one), config and truth."""
-    arguments = fault.simulated if fault else ""
-    sessions, guesses, rows = simulated(arguments)
-    config_and_truth.write_config(folder / "config", "sim", sessions, guesses)
-    config_and_truth.write_truth(folder / "truth.json", sessions, guesses)
+    arguments = fault.simulate_arguments if fault else ""
+    sessions, guesses, rows = simulate_clean_rows(arguments)
+    write_simulated_config(folder / "config", "sim", sessions, guesses)
+    write_truth(folder / "truth.json", sessions, guesses)
     (folder / "logs").mkdir(parents=True, exist_ok=True)
     rows = copy.deepcopy(rows)
-    if fault and fault.damage:
-        rows = fault.damage(rows)
+    if fault and fault.damage_rows:
+        rows = fault.damage_rows(rows)
     path = folder / "logs" / "sim"
-    log = fault.write(path, rows) if fault and fault.write else one_file(path, rows)
-    if fault and fault.spoil:
+    log = (
+        fault.write_log(path, rows) if fault and fault.write_log else write_single_mcap(path, rows)
+    )
+    if fault and fault.damage_bytes:
         whole = path.with_suffix(".mcap")
-        whole.write_bytes(fault.spoil(whole.read_bytes()))
-    _configure(folder / "config", fault, log, folder)
+        whole.write_bytes(fault.damage_bytes(whole.read_bytes()))
+    _write_fault_config(folder / "config", fault, log, folder)
     return folder
 
 
-def one_file(path, rows):
-    return str(containers.mcap(path.with_suffix(".mcap"), rows, chunk_size=1 << 20))
+def write_single_mcap(path, rows):
+    return str(write_test_mcap(path.with_suffix(".mcap"), rows, chunk_size=1 << 20))
 
 
-def _configure(folder, fault, log, root):
+def _write_fault_config(folder, fault, log, root):
     """Make what config.yaml, the rig and the targets say fit the fault."""
     relative = [str(p).removeprefix(f"{root}/") for p in (log if isinstance(log, list) else [log])]
     paths = [
@@ -78,8 +88,10 @@ def _configure(folder, fault, log, root):
     session = settings["sessions"]["sim"]
     session["log"] = relative if isinstance(log, list) else relative[0]
     settings["crop"] = {"max_frames": 3}  # of a placement, so that all faults are done in time
-    if fault and fault.config:
-        fault.config(session, rig, {p.stem: t for p, t in zip(paths[2:], targets, strict=True)})
+    if fault and fault.change_config:
+        fault.change_config(
+            session, rig, {p.stem: t for p, t in zip(paths[2:], targets, strict=True)}
+        )
     for path, content in zip(paths, (settings, rig, *targets), strict=True):
         path.write_text(yaml.safe_dump(content, sort_keys=False))
 
@@ -87,12 +99,12 @@ def _configure(folder, fault, log, root):
 # --- what is said
 
 
-def heard(audit):
+def list_audit_messages(audit):
     """Sentences of log.json, as the report has them."""
     run = SimpleNamespace(sessions={"sim": SimpleNamespace(audit=audit)})
     out = [
         f"{where}: {words}" if where[0] == "/" else words
-        for where, words in recording_audit.heard(run, "sim")
+        for where, words in list_log_notes(run, "sim")
     ]
     for name, body in sorted(audit["bodies"].items()):
         out += [f"{name}: {n} × {kind}" for kind, n in sorted(body.get("faults", {}).items())]
@@ -104,11 +116,11 @@ def heard(audit):
             f"{name}: {what}: {words}" for what, words in sorted(sensor.get("told", {}).items())
         ]
     for found in [*audit["bodies"].values(), *audit["sensors"].values()]:
-        out += refused(found["status"])
+        out += format_failed_status(found["status"])
     return out
 
 
-def refused(status):
+def format_failed_status(status):
     """The sentence of a status that is not ok."""
     if status["ok"]:
         return []
@@ -116,35 +128,35 @@ def refused(status):
     return [f"{status['reason']}{found}. {status['remedy']}".strip()]
 
 
-def said(folder):
+def list_run_messages(folder):
     """All sentences about the log in a working directory that was run, in order of the stages."""
-    home = folder / RESULTS / "sim"
-    out = heard(json.loads((home / "log.json").read_text()))
+    home = folder / RESULTS_FOLDER / "sim"
+    out = list_audit_messages(json.loads((home / "log.json").read_text()))
     for sensor, schema in (
-        ("camera", table_schemas.VIEWS_CAMERA),
-        ("velodyne", table_schemas.VIEWS_LIDAR),
+        ("camera", CAMERA_VIEWS_SCHEMA),
+        ("velodyne", LIDAR_VIEWS_SCHEMA),
     ):
         guess = json.loads((home / sensor / "guess.json").read_text())
-        out += refused(guess["status"])
-        views, status, _ = parquet_tables.read(home / sensor / "views.parquet", schema)
-        reasons = Counter(r for r in map(str, views["reason"]) if r not in USUAL)
+        out += format_failed_status(guess["status"])
+        views, status, _ = read_table(home / sensor / "views.parquet", schema)
+        reasons = Counter(r for r in map(str, views["reason"]) if r not in EXPECTED_REASONS)
         out += [f"{sensor}: {n} views: {why}" for why, n in sorted(reasons.items())]
-        out += refused(status.to_dict())
-        _, status, notes = parquet_tables.read(
-            home / sensor / "keypoints.parquet", table_schemas.KEYPOINTS
-        )
+        out += format_failed_status(status.to_dict())
+        _, status, notes = read_table(home / sensor / "keypoints.parquet", KEYPOINTS_SCHEMA)
         failures = Counter(
             o["status"]["reason"] for o in notes["outcomes"] if not o["status"]["ok"]
         )
         out += [f"{sensor}: {n} views: {why}" for why, n in sorted(failures.items())]
-        out += refused(status.to_dict())
-    out += clocks(json.loads((folder / RESULTS / "calibration.json").read_text()))
-    verdict = json.loads((folder / RESULTS / "verdict.json").read_text())
+        out += format_failed_status(status.to_dict())
+    out += describe_clock_errors(
+        json.loads((folder / RESULTS_FOLDER / "calibration.json").read_text())
+    )
+    verdict = json.loads((folder / RESULTS_FOLDER / "verdict.json").read_text())
     out += [f"{f['text']}: {f['remedy']}" for f in verdict["findings"]]
     return list(dict.fromkeys(out))
 
 
-def clocks(calibration):
+def describe_clock_errors(calibration):
     """Sentences of calibration.json on the clocks that are off by more than chance."""
     out = []
     for name, sensor in sorted(calibration["sensors"].items()):

@@ -1,4 +1,4 @@
-"""What the rules share: config slices, log fingerprints, and the code a stage depends on."""
+"""Helpers of the rules: the config slice of each job, fingerprints of logs, the code of a stage."""
 
 import ast
 import json
@@ -9,76 +9,84 @@ import sys
 from functools import cache
 from pathlib import Path
 
-SCRIPTS = Path(workflow.basedir) / "scripts"
+SCRIPT_FOLDER = Path(workflow.basedir) / "scripts"
 
-from calib.initial_guess import previous_calibration
-from calib.io.logs import open_log
-from calib.io.config import load
-from calib.io.status import InputError, printable
+from calib.initial_guess.previous_calibration import read_previous_calibration
+from calib.io.logs.open_log import find_log_files, fingerprint_log
+from calib.io.config import load_config
+from calib.io.status import InputError, escape_control_characters
 from snakemake.exceptions import WorkflowError
 
-# Jobs find the interpreter of Snakemake itself, whether or not its environment is activated.
+# Jobs use the Python of Snakemake itself; its environment need not be activated. BLAS runs on one
+# thread: the order of its sums depends on the number of threads, and jobs run in parallel anyway.
+BLAS_THREADS = "OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1"
 shell.prefix(
-    f"set -euo pipefail; export PATH={shlex.quote(str(Path(sys.executable).parent))}:$PATH; "
-    + SHARE
+    f"set -euo pipefail; export PATH={shlex.quote(str(Path(sys.executable).parent))}:$PATH "
+    f"{BLAS_THREADS}; "
 )
 
 
-def checked(function, *arguments):
-    """function(*arguments), with a wrong input as one line of Snakemake's own."""
+def stop_on_input_error(function, *arguments):
+    """Return function(*arguments); an InputError stops Snakemake with one line."""
     try:
         return function(*arguments)
     except InputError as error:
-        raise WorkflowError(printable(str(error)))
+        raise WorkflowError(escape_control_characters(str(error)))
 
 
-CONFIG, RIGS, TARGETS = checked(load, config)
-GIVEN = {
-    name: checked(previous_calibration.read, rig["guess_from"], rig)
+CONFIG, RIGS, TARGETS = stop_on_input_error(load_config, config)
+PREVIOUS_POSES = {
+    name: stop_on_input_error(read_previous_calibration, rig["guess_from"], rig)
     for name, rig in RIGS.items()
     if "guess_from" in rig
 }
 SESSIONS = CONFIG["sessions"]
-FIGURES = ("extrinsics", "coverage", "residuals")
-RIG_OF = {name: session["rig"] for name, session in SESSIONS.items()}
+REPORT_FIGURES = ("extrinsics", "coverage", "residuals")
+RIG_BY_SESSION = {name: session["rig"] for name, session in SESSIONS.items()}
 
 
-def sessions_of(rig):
-    return sorted(s for s in SESSIONS if RIG_OF[s] == rig)
+def list_rig_sessions(rig):
+    """List the sessions of a rig."""
+    return sorted(s for s in SESSIONS if RIG_BY_SESSION[s] == rig)
 
 
-def sensors_of(rig):
-    """Sensors that at least one session of the rig uses."""
-    return sorted({sensor for s in sessions_of(rig) for sensor in sorted(SESSIONS[s]["sensors"])})
+def list_rig_sensors(rig):
+    """List the sensors that at least one session of the rig uses."""
+    return sorted(
+        {sensor for s in list_rig_sessions(rig) for sensor in sorted(SESSIONS[s]["sensors"])}
+    )
 
 
-def targets_of(rig):
-    return sorted({target for s in sessions_of(rig) for target in SESSIONS[s]["targets"]})
+def list_rig_targets(rig):
+    """List the targets that at least one session of the rig uses."""
+    return sorted({target for s in list_rig_sessions(rig) for target in SESSIONS[s]["targets"]})
 
 
-def log_files(w):
-    return [str(p) for p in checked(open_log.files_of, SESSIONS[w.session]["log"])]
+def session_log_files(wildcards):
+    """List the files of the log of a session."""
+    return [str(p) for p in stop_on_input_error(find_log_files, SESSIONS[wildcards.session]["log"])]
 
 
 @cache
-def fingerprint(session):
-    return checked(open_log.fingerprint, SESSIONS[session]["log"])
+def session_fingerprint(session):
+    """Return name, size and hash of the log files of a session: a changed log re-runs everything."""
+    return stop_on_input_error(fingerprint_log, SESSIONS[session]["log"])
 
 
-def options(**slices):
-    """The only config that a job sees, as JSON with sorted keys: a change elsewhere re-runs nothing."""
+def options_json(**slices):
+    """Return the config slice of a job as JSON with sorted keys; other changes do not re-run it."""
     return json.dumps(slices, sort_keys=True)
 
 
-def decode_options(w):
-    rig, session = RIGS[w.rig], SESSIONS[w.session]
-    sensors = {name: heard(rig["sensors"][name]) for name in session["sensors"]}
+def decode_options(wildcards):
+    rig, session = RIGS[wildcards.rig], SESSIONS[wildcards.session]
+    sensors = {name: decode_slice(rig["sensors"][name]) for name in session["sensors"]}
     mocap = {k: rig["mocap"][k] for k in ("topics", "map", "max_gap_s")}
     bodies = sorted({rig["body"]} | {TARGETS[t]["body"] for t in session["targets"]})
     span = {k: session.get(k) for k in ("from_s", "to_s")}
-    return options(
+    return options_json(
         log=session["log"],
-        fingerprint=fingerprint(w.session),
+        fingerprint=session_fingerprint(wildcards.session),
         sensors=sensors,
         mocap=mocap,
         bodies=bodies,
@@ -86,181 +94,202 @@ def decode_options(w):
     )
 
 
-def heard(sensor):
-    """What decode needs to know of a sensor: of a camera's lens only what its CameraInfo is held
-    against."""
+def decode_slice(sensor):
+    """Return the keys of a sensor block that decode needs; of a lens, those checked with CameraInfo."""
     keys = ["kind", "topic", "point_time", "camera_info"]
     keys += ["model", "size_px", "rectified"] if "camera_info" in sensor else []
     return {k: sensor[k] for k in keys if k in sensor}
 
 
-def gate_options(w):
-    rig = RIGS[w.rig]
+def gate_options(wildcards):
+    rig = RIGS[wildcards.rig]
     mocap = {k: rig["mocap"][k] for k in ("max_gap_s", "pose_sigma")}
-    bodies = {t: TARGETS[t]["body"] for t in SESSIONS[w.session]["targets"]}
-    return options(gate=CONFIG["gate"], body=rig["body"], mocap=mocap, targets=bodies)
+    bodies = {t: TARGETS[t]["body"] for t in SESSIONS[wildcards.session]["targets"]}
+    return options_json(gate=CONFIG["gate"], body=rig["body"], mocap=mocap, targets=bodies)
 
 
-def preflight_options(w):
-    rig, used = RIGS[w.rig], {s: SESSIONS[s] for s in sessions_of(w.rig)}
+def preflight_options(wildcards):
+    rig, used = RIGS[wildcards.rig], {s: SESSIONS[s] for s in list_rig_sessions(wildcards.rig)}
     keys = ("sensors", "targets", "remounted")
-    return options(
+    return options_json(
         **{stage: CONFIG[stage] for stage in ("guess", "judge")},
         crop=CONFIG["crop"],
-        rig=w.rig,
+        rig=wildcards.rig,
         body=rig["body"],
-        max_gap_s=max_gap(w),
-        sensors={s: rig["sensors"][s] for s in sensors_of(w.rig)},
-        targets={t: TARGETS[t] for t in targets_of(w.rig)},
-        given=GIVEN.get(w.rig, {}),
+        max_gap_s=rig_max_gap_s(wildcards),
+        sensors={s: rig["sensors"][s] for s in list_rig_sensors(wildcards.rig)},
+        targets={t: TARGETS[t] for t in list_rig_targets(wildcards.rig)},
+        given=PREVIOUS_POSES.get(wildcards.rig, {}),
         sessions={name: {k: session[k] for k in keys} for name, session in used.items()},
-        time_offset=clocks_wanted(w),
+        time_offset=estimates_clocks(wildcards),
         target_alignment=CONFIG["solve"]["estimate"]["target_alignment"] is not False,
     )
 
 
-def sensor_options(stage, w, **more):
-    """The slice of a stage that runs once per sensor."""
-    sensor = RIGS[w.rig]["sensors"][w.sensor]
-    return options(**({stage: CONFIG[stage], "name": w.sensor, "sensor": sensor} | more))
-
-
-def searched(w):
-    """Whether a guess may have to look into the data: the rig does not state the sensor's pose, or
-    it may not hold in this session, or a target does not state its mount."""
-    session = SESSIONS[w.session]
-    unknown = session["remounted"] or any("mount" in TARGETS[t] for t in session["targets"])
-    return unknown or "T_robot_sensor" not in RIGS[w.rig]["sensors"][w.sensor]
-
-
-def looked_into(w):
-    """Whether a guess looks into the data: for the pose, a mount or the clock."""
-    return clocks_wanted(w) or searched(w)
-
-
-def where(wanted, pattern):
-    """Input function: the pattern where that is wanted, else nothing."""
-    return lambda w: expand(pattern, rig=w.rig, session=w.session) if wanted(w) else []
-
-
-def guess_options(w):
-    """Targets, cameras and log only where they may be needed: else no edit of theirs re-runs it."""
-    session = SESSIONS[w.session]
-    more = {"remounted": session["remounted"]}
-    targets = {t: TARGETS[t] for t in session["targets"]}
-    if looked_into(w):
-        bodies = [RIGS[w.rig]["body"], *sorted({t["body"] for t in targets.values()})]
-        more |= {"log": session["log"], "bodies": bodies, "max_gap_s": max_gap(w)}
-    if searched(w):
-        more |= {"targets": targets, "cameras": {}}
-        if any("mount" in t for t in targets.values()):
-            sensors = {s: RIGS[w.rig]["sensors"][s] for s in session["sensors"]}
-            more["cameras"] = {s: c for s, c in sensors.items() if c["kind"] == "camera"}
-        asked = {w.sensor, *more["cameras"]}
-        given = {s: g for s, g in GIVEN.get(w.rig, {}).items() if s in asked}
-        more |= {"given": given} if given else {}
-    return sensor_options("guess", w, body=RIGS[w.rig]["body"], **more)
-
-
-def crop_options(w):
-    session = SESSIONS[w.session]
-    targets = {t: TARGETS[t] for t in session["targets"]}
-    more = {"body": RIGS[w.rig]["body"], "max_gap_s": max_gap(w)}
-    return sensor_options("crop", w, targets=targets, log=session["log"], **more)
-
-
-def clocks_wanted(w):
-    """Whether the offsets of the clocks are to be found."""
-    return CONFIG["solve"]["estimate"]["time_offset"] == "auto"
-
-
-def max_gap(w):
-    return RIGS[w.rig]["mocap"]["max_gap_s"]
-
-
-def extract_options(w):
-    targets = {t: TARGETS[t] for t in SESSIONS[w.session]["targets"]}
-    more = {"associate": CONFIG["associate"], "crop": CONFIG["crop"]}
-    more |= {"body": RIGS[w.rig]["body"], "max_gap_s": max_gap(w)}
-    return sensor_options("extract", w, targets=targets, mocap=mocap_noise(w), **more)
-
-
-def mocap_noise(w):
-    return {k: RIGS[w.rig]["mocap"][k] for k in ("pose_sigma", "pose_bias_sigma")}
-
-
-def associate_options(w):
-    session = SESSIONS[w.session]
-    sensors = {s: RIGS[w.rig]["sensors"][s] for s in session["sensors"]}
-    targets = {t: TARGETS[t] for t in session["targets"]}
-    blocks = {"associate": CONFIG["associate"], "mocap": mocap_noise(w)}
-    return options(**blocks, sensors=sensors, targets=targets)
-
-
-def solve_options(w):
-    rig = RIGS[w.rig]
-    return options(
-        solve=CONFIG["solve"],
-        associate=CONFIG["associate"],
-        views={k: CONFIG["crop"][k] for k in ("min_returns", "max_incidence_deg")},
-        rig=w.rig,
-        mocap=mocap_noise(w),
-        sensors={s: rig["sensors"][s] for s in sensors_of(w.rig)},
-        targets={t: TARGETS[t] for t in targets_of(w.rig)},
-        sessions=sessions_of(w.rig),
-        body=rig["body"],
-        max_gap_s=max_gap(w),
-        remounted=[s for s in sessions_of(w.rig) if SESSIONS[s]["remounted"]],
-        used={s: sorted(SESSIONS[s]["sensors"]) for s in sessions_of(w.rig)},
+def sensor_options(stage, wildcards, **more):
+    """Return the config slice of a stage that runs once per sensor."""
+    sensor = RIGS[wildcards.rig]["sensors"][wildcards.sensor]
+    return options_json(
+        **({stage: CONFIG[stage], "name": wildcards.sensor, "sensor": sensor} | more)
     )
 
 
-def judge_options(w):
-    return options(judge=CONFIG["judge"])
+def may_search_pose(wildcards):
+    """Return whether guess may search the sensor's pose in the data.
+
+    It may if the rig does not state the pose, if the markers were re-attached in this session, or if
+    the mount of a target is unknown.
+    """
+    session = SESSIONS[wildcards.session]
+    unknown = session["remounted"] or any("mount" in TARGETS[t] for t in session["targets"])
+    return unknown or "T_robot_sensor" not in RIGS[wildcards.rig]["sensors"][wildcards.sensor]
 
 
-def report_options(w):
-    rig = RIGS[w.rig]
-    sensors = {s: rig["sensors"][s] for s in sensors_of(w.rig)}
-    targets = {t: TARGETS[t] for t in targets_of(w.rig)}
-    used = {s: SESSIONS[s]["sensors"] for s in sessions_of(w.rig)}
+def guess_reads_log(wildcards):
+    """Return whether guess reads the log: for the pose, a mount or the time offset."""
+    return estimates_clocks(wildcards) or may_search_pose(wildcards)
+
+
+def input_if(condition, pattern):
+    """Return an input function: the pattern if the condition is true, else nothing."""
+
+    def paths(wildcards):
+        if not condition(wildcards):
+            return []
+        return expand(pattern, rig=wildcards.rig, session=wildcards.session)
+
+    return paths
+
+
+def guess_options(wildcards):
+    """Return the slice of guess: targets, cameras and log only if needed, so that edits of them do
+    not re-run it."""
+    session = SESSIONS[wildcards.session]
+    more = {"remounted": session["remounted"]}
+    targets = {t: TARGETS[t] for t in session["targets"]}
+    if guess_reads_log(wildcards):
+        bodies = [RIGS[wildcards.rig]["body"], *sorted({t["body"] for t in targets.values()})]
+        more |= {"log": session["log"], "bodies": bodies, "max_gap_s": rig_max_gap_s(wildcards)}
+    if may_search_pose(wildcards):
+        more |= {"targets": targets, "cameras": {}}
+        if any("mount" in t for t in targets.values()):
+            sensors = {s: RIGS[wildcards.rig]["sensors"][s] for s in session["sensors"]}
+            more["cameras"] = {s: c for s, c in sensors.items() if c["kind"] == "camera"}
+        asked = {wildcards.sensor, *more["cameras"]}
+        given = {s: g for s, g in PREVIOUS_POSES.get(wildcards.rig, {}).items() if s in asked}
+        more |= {"given": given} if given else {}
+    return sensor_options("guess", wildcards, body=RIGS[wildcards.rig]["body"], **more)
+
+
+def crop_options(wildcards):
+    session = SESSIONS[wildcards.session]
+    targets = {t: TARGETS[t] for t in session["targets"]}
+    more = {"body": RIGS[wildcards.rig]["body"], "max_gap_s": rig_max_gap_s(wildcards)}
+    return sensor_options("crop", wildcards, targets=targets, log=session["log"], **more)
+
+
+def estimates_clocks(wildcards):
+    """Return whether time offsets are estimated."""
+    return CONFIG["solve"]["estimate"]["time_offset"] == "auto"
+
+
+def rig_max_gap_s(wildcards):
+    return RIGS[wildcards.rig]["mocap"]["max_gap_s"]
+
+
+def extract_options(wildcards):
+    targets = {t: TARGETS[t] for t in SESSIONS[wildcards.session]["targets"]}
+    more = {"associate": CONFIG["associate"], "crop": CONFIG["crop"]}
+    more |= {"body": RIGS[wildcards.rig]["body"], "max_gap_s": rig_max_gap_s(wildcards)}
+    return sensor_options(
+        "extract", wildcards, targets=targets, mocap=mocap_noise_slice(wildcards), **more
+    )
+
+
+def mocap_noise_slice(wildcards):
+    return {k: RIGS[wildcards.rig]["mocap"][k] for k in ("pose_sigma", "pose_bias_sigma")}
+
+
+def associate_options(wildcards):
+    session = SESSIONS[wildcards.session]
+    sensors = {s: RIGS[wildcards.rig]["sensors"][s] for s in session["sensors"]}
+    targets = {t: TARGETS[t] for t in session["targets"]}
+    blocks = {"associate": CONFIG["associate"], "mocap": mocap_noise_slice(wildcards)}
+    return options_json(**blocks, sensors=sensors, targets=targets)
+
+
+def solve_options(wildcards):
+    rig = RIGS[wildcards.rig]
+    return options_json(
+        solve=CONFIG["solve"],
+        associate=CONFIG["associate"],
+        views={k: CONFIG["crop"][k] for k in ("min_returns", "max_incidence_deg")},
+        rig=wildcards.rig,
+        mocap=mocap_noise_slice(wildcards),
+        sensors={s: rig["sensors"][s] for s in list_rig_sensors(wildcards.rig)},
+        targets={t: TARGETS[t] for t in list_rig_targets(wildcards.rig)},
+        sessions=list_rig_sessions(wildcards.rig),
+        body=rig["body"],
+        max_gap_s=rig_max_gap_s(wildcards),
+        remounted=[s for s in list_rig_sessions(wildcards.rig) if SESSIONS[s]["remounted"]],
+        used={s: sorted(SESSIONS[s]["sensors"]) for s in list_rig_sessions(wildcards.rig)},
+    )
+
+
+def judge_options(wildcards):
+    return options_json(judge=CONFIG["judge"])
+
+
+def report_options(wildcards):
+    rig = RIGS[wildcards.rig]
+    sensors = {s: rig["sensors"][s] for s in list_rig_sensors(wildcards.rig)}
+    targets = {t: TARGETS[t] for t in list_rig_targets(wildcards.rig)}
+    used = {s: SESSIONS[s]["sensors"] for s in list_rig_sessions(wildcards.rig)}
     shown = {"sensors": sensors, "targets": targets, "sessions": used}
-    # No other job may ever see the truth.
+    # Only the report may see the ground truth.
     if "truth" in rig:
         shown["truth"] = rig["truth"]
     shown["settings"] = {k: v for k, v in CONFIG.items() if k not in ("sessions", "export")}
-    return options(rig=w.rig, body=rig["body"], report=CONFIG["report"], **shown)
+    return options_json(rig=wildcards.rig, body=rig["body"], report=CONFIG["report"], **shown)
 
 
-def export_options(w):
-    rig, used = RIGS[w.rig], {s: SESSIONS[s]["sensors"] for s in sessions_of(w.rig)}
+def export_options(wildcards):
+    rig, used = RIGS[wildcards.rig], {
+        s: SESSIONS[s]["sensors"] for s in list_rig_sessions(wildcards.rig)
+    }
     keys = ("kind", "topic", "model", "size_px", "params")
     sensors = {
         s: {k: rig["sensors"][s][k] for k in keys if k in rig["sensors"][s]}
-        for s in sensors_of(w.rig)
+        for s in list_rig_sensors(wildcards.rig)
     }
-    targets = {t: TARGETS[t] for t in targets_of(w.rig)}
+    targets = {t: TARGETS[t] for t in list_rig_targets(wildcards.rig)}
     shown = {"sensors": sensors, "targets": targets, "sessions": used}
-    return options(export=CONFIG["export"] | rig["export"], body=rig["body"], **shown)
+    return options_json(export=CONFIG["export"] | rig["export"], body=rig["body"], **shown)
 
 
-def patched_urdf(w):
-    """The URDF that export places the sensors in, if the rig names one."""
-    return RIGS[w.rig]["export"].get("urdf", [])
+def export_urdf_path(wildcards):
+    """Return the path of the URDF that export updates, if the rig names one."""
+    return RIGS[wildcards.rig]["export"].get("urdf", [])
 
 
-def of_sessions(pattern):
-    """Input function: the pattern for every session of the rig."""
-    return lambda w: expand(pattern, rig=w.rig, session=sessions_of(w.rig))
+def inputs_per_session(pattern):
+    """Return an input function: the pattern for every session of the rig."""
+    return lambda wildcards: expand(
+        pattern, rig=wildcards.rig, session=list_rig_sessions(wildcards.rig)
+    )
 
 
-def of_sensors(pattern):
-    """Input function: the pattern for every sensor of every session of the rig, or of one session."""
+def inputs_per_sensor(pattern):
+    """Return an input function: the pattern for every sensor of one session, or of all of a rig."""
 
-    def paths(w):
-        chosen = [w.session] if hasattr(w, "session") else sessions_of(w.rig)
+    def paths(wildcards):
+        chosen = (
+            [wildcards.session]
+            if hasattr(wildcards, "session")
+            else list_rig_sessions(wildcards.rig)
+        )
         return [
-            pattern.format(rig=w.rig, session=s, sensor=sensor)
+            pattern.format(rig=wildcards.rig, session=s, sensor=sensor)
             for s in chosen
             for sensor in sorted(SESSIONS[s]["sensors"])
         ]
@@ -268,27 +297,27 @@ def of_sensors(pattern):
     return paths
 
 
-def resources(folder):
-    """Templates, styles and scripts below a folder of the checkout that a job reads, relative to
-    the working directory."""
+def find_page_resources(folder):
+    """List templates, styles and scripts below a folder of the checkout, relative to the working
+    directory."""
     found = sorted(Path(workflow.basedir, folder).rglob("*"))
     return [os.path.relpath(p) for p in found if p.suffix in (".j2", ".css", ".js")]
 
 
 @cache
-def code(stage):
-    """scripts/<stage>.py followed by every file of scripts/ it imports, directly or not."""
-    found, todo = {}, [SCRIPTS / f"{stage}.py"]
+def find_stage_code(stage):
+    """List scripts/<stage>.py, then every file of scripts/ that it imports, directly or not."""
+    found, todo = {}, [SCRIPT_FOLDER / f"{stage}.py"]
     while todo:
         path = todo.pop()
         if path not in found:
             found[path] = None
-            todo += [p for name in imports(path) for p in modules(name)]
+            todo += [p for name in list_imports(path) for p in list_module_files(name)]
     return [os.path.relpath(p) for p in found]
 
 
-def imports(path):
-    """Dotted names that a Python file imports, also inside functions."""
+def list_imports(path):
+    """Yield the dotted names that a Python file imports, also inside functions."""
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom):
             yield from [node.module, *(f"{node.module}.{a.name}" for a in node.names)]
@@ -296,61 +325,66 @@ def imports(path):
             yield from (a.name for a in node.names)
 
 
-def modules(name):
-    """The files of scripts/ that importing a dotted name runs, packages above it included."""
+def list_module_files(name):
+    """Yield the files of scripts/ that importing a dotted name runs, with its parent packages."""
     parts = name.split(".")
     for n in range(1, len(parts) + 1):
-        stem = SCRIPTS.joinpath(*parts[:n])
+        stem = SCRIPT_FOLDER.joinpath(*parts[:n])
         yield from (p for p in (stem.with_suffix(".py"), stem / "__init__.py") if p.exists())
 
 
-def last_words():
-    """Every rig's verdict and poses, its preflight where that was asked for, or what stopped it, as
-    the last lines on the terminal; and all rigs on one page."""
-    told, asked = {}, "preflight" in workflow.dag_settings.targets
-    for rig in sorted(set(RIG_OF.values())):
+def print_summary():
+    """Print the last lines on the terminal, and write the page of all rigs.
+
+    Per rig: verdict and poses, the preflight text if it was requested, or the errors of its jobs.
+    """
+    rigs, preflight_requested = {}, "preflight" in workflow.dag_settings.targets
+    for rig in sorted(set(RIG_BY_SESSION.values())):
         home = Path("results", rig)
-        stopped = [line for path in sorted(home.rglob("*.log")) for line in complaint(path)]
-        told[rig] = {"sessions": sessions_of(rig), "stopped": stopped}
-        if stopped:
-            say(f"{rig}: STOPPED", *stopped)
-        elif asked and (home / "preflight.txt").exists():
-            say((home / "preflight.txt").read_text())
+        errors = [line for path in sorted(home.rglob("*.log")) for line in error_line(path)]
+        rigs[rig] = {"sessions": list_rig_sessions(rig), "stopped": errors}
+        if errors:
+            print_lines(f"{rig}: STOPPED", *errors)
+        elif preflight_requested and (home / "preflight.txt").exists():
+            print_lines((home / "preflight.txt").read_text())
         elif (home / "verdict.json").exists():
             page = os.path.relpath(home / "report.html", os.environ.get("PWD", "."))
-            say(*results(rig, home), f"report: {page}")
-    if words := no_room():
-        say(words)
+            print_lines(*rig_result_lines(rig, home), f"report: {page}")
+    if message := disk_full_message():
+        print_lines(message)
     elif Path("results").is_dir():
-        write_index(told)
+        write_rigs_page(rigs)
 
 
-def say(*lines):
-    """Print the first line, and the others below it."""
-    print(*map(printable, lines), sep="\n  ", file=sys.stderr)
+def print_lines(*lines):
+    """Print the first line, and the others indented below it."""
+    print(*map(escape_control_characters, lines), sep="\n  ", file=sys.stderr)
 
 
-def write_index(rigs):
-    """results/index.html: no job, for it must be there when jobs stopped, and says which."""
-    command = [sys.executable, SCRIPTS / "index.py", "--results", "results"]
-    command += ["--templates", *resources("workflow/report"), "--output", "results/index.html"]
-    done = subprocess.run(
-        [*command, "--options", options(rigs=rigs)], capture_output=True, text=True
-    )
+def write_rigs_page(rigs):
+    """Write results/index.html. It is no job: it also lists the jobs that stopped."""
+    command = [sys.executable, SCRIPT_FOLDER / "index.py", "--results", "results"]
+    command += ["--templates", *find_page_resources("workflow/report")]
+    command += ["--output", "results/index.html", "--options", options_json(rigs=rigs)]
+    done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         print(done.stderr, file=sys.stderr)
 
 
-def results(rig, home):
-    """The verdict of one rig and the poses of its sensors in a few lines."""
-    from calib.report.page import terminal_summary  # 0.1 s, which no start should pay
+def rig_result_lines(rig, home):
+    """Return the verdict of one rig and the poses of its sensors in a few lines."""
+    from calib.report.page.terminal_summary import (
+        format_terminal_summary,
+    )  # 0.1 s, only needed at the end
 
-    found = [json.loads((home / f"{n}.json").read_text()) for n in ("calibration", "verdict")]
-    return terminal_summary.lines(*found, RIGS[rig].get("truth", {}))
+    calibration, verdict = (
+        json.loads((home / f"{name}.json").read_text()) for name in ("calibration", "verdict")
+    )
+    return format_terminal_summary(calibration, verdict, RIGS[rig].get("truth", {}))
 
 
-def complaint(path):
-    """What ended the job of a log file, if it did not end well; a failed verdict is no such end."""
+def error_line(path):
+    """Yield the error that ended the job of a log file, if any; a failed verdict is not an error."""
     lines = path.read_text().splitlines()
     ended = [line for line in lines if line.startswith(("error: ", "Traceback"))]
     if ended and not ended[-1].endswith("is not exported, its calibration failed:"):

@@ -4,63 +4,66 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.geometry.se3 import from_rpy, pose, so3_exp
-from calib.sensors.camera.camera_model import Camera
-from simulation import simulated_rigs
+from calib.geometry.se3 import make_pose, pose_from_rpy, so3_exp
+from calib.sensors.camera.camera_model import CameraModel
+from simulation.simulated_rigs import SimulatedCamera
 
-MOUNT_M, MOUNT_DEG = 0.02, 3.0  # largest deviation per axis of a true mount from the nominal one
+MAX_SENSOR_DEVIATION_M, MAX_SENSOR_DEVIATION_DEG = (
+    0.02,
+    3.0,
+)  # largest deviation per axis of a true mount from the nominal one
 
 
-class Built(NamedTuple):
+class BuiltRig(NamedTuple):
     """By sensor: its description (rigs.Lidar or rigs.Camera) and T_robot_sensor (4, 4); by camera:
     the model; by lidar: the bias (beams,) of its beams, m."""
 
-    specs: dict
-    sensors: dict
-    cameras: dict
-    beam_bias: dict
+    sensor_specs: dict
+    T_robot_sensor: dict
+    camera_models: dict
+    beam_bias_m: dict
 
-    def lidars(self):
+    def lidar_names(self):
         """Names of the lidars, in order."""
-        return [name for name in self.specs if name not in self.cameras]
+        return [name for name in self.sensor_specs if name not in self.camera_models]
 
 
-def build(rig, rng, rng_bias, beam_bias_m=0.0):
+def build_rig(rig, rng, rng_bias, beam_bias_m=0.0):
     """The rig with its mounts and the biases of its beams drawn."""
-    sensors = {name: _mounted(rng, spec) for name, spec in rig.sensors.items()}
+    sensors = {name: _draw_sensor_pose(rng, spec) for name, spec in rig.sensors.items()}
     cameras = {
-        name: Camera(spec.model, spec.params, spec.size_px)
+        name: CameraModel(spec.model, spec.params, spec.size_px)
         for name, spec in rig.sensors.items()
-        if isinstance(spec, simulated_rigs.Camera)
+        if isinstance(spec, SimulatedCamera)
     }
     bias = {
-        name: beam_bias_m * rng_bias.standard_normal(spec.scans.beams)
+        name: beam_bias_m * rng_bias.standard_normal(spec.scan_pattern.n_beams)
         for name, spec in rig.sensors.items()
         if name not in cameras
     }
-    return Built(rig.sensors, sensors, cameras, bias)
+    return BuiltRig(rig.sensors, sensors, cameras, bias)
 
 
-def _mounted(rng, spec):
-    nominal = from_rpy(spec.xyz_m, np.deg2rad(spec.rpy_deg))
-    return perturb(rng, nominal, MOUNT_M, MOUNT_DEG)
+def _draw_sensor_pose(rng, spec):
+    nominal = pose_from_rpy(spec.xyz_m, np.deg2rad(spec.rpy_deg))
+    return perturb_pose(rng, nominal, MAX_SENSOR_DEVIATION_M, MAX_SENSOR_DEVIATION_DEG)
 
 
-def perturb(rng, T, error_m, error_deg):
+def perturb_pose(rng, T, error_m, error_deg):
     """T_a_b with a shift uniform within ±error_m along each axis of a, and a rotation vector
     uniform within ±error_deg along each axis of b."""
     shift, turn = rng.uniform(-1, 1, (2, 3))
-    return pose(t=error_m * shift) @ T @ pose(so3_exp(np.deg2rad(error_deg) * turn))
+    return make_pose(t=error_m * shift) @ T @ make_pose(so3_exp(np.deg2rad(error_deg) * turn))
 
 
-def bumped(built, knock):
+def bump_last_sensor(rig, T_bump):
     """The rig with its last sensor moved by a pose (4, 4) along its own axes."""
-    name = list(built.sensors)[-1]
-    return built._replace(sensors=built.sensors | {name: built.sensors[name] @ knock})
+    name = list(rig.sensors)[-1]
+    return rig._replace(sensors=rig.sensors | {name: rig.sensors[name] @ T_bump})
 
 
-def displacement(rng, length_m, angle_deg):
+def draw_displacement(rng, length_m, angle_deg):
     """A pose (4, 4) of that length and angle, in random directions."""
     shift, axis = rng.standard_normal((2, 3))
     shift, axis = shift / np.linalg.norm(shift), axis / np.linalg.norm(axis)
-    return pose(so3_exp(np.deg2rad(angle_deg) * axis), length_m * shift)
+    return make_pose(so3_exp(np.deg2rad(angle_deg) * axis), length_m * shift)

@@ -5,28 +5,28 @@ To add a rig: one entry in RIGS.
 
 from typing import NamedTuple
 
-from calib.sensors.camera.camera_model import MODELS
-from simulation.sensors.scan_patterns import PATTERNS
+from calib.sensors.camera.camera_model import CAMERA_MODELS
+from simulation.sensors.scan_patterns import SCAN_PATTERNS
 
 
-class Lidar(NamedTuple):
+class SimulatedLidar(NamedTuple):
     """A lidar: topic, nominal T_robot_sensor, cloud format (drivers.DRIVERS), scan pattern
     (patterns.PATTERNS), azimuths recorded (± about its x axis), and when its first scan starts."""
 
     topic: str
     xyz_m: tuple
     rpy_deg: tuple
-    driver: str = "velodyne"
-    pattern: str = "beams16"
+    cloud_format: str = "velodyne"
+    pattern_name: str = "beams16"
     sector_deg: float = 100.0
     start_s: float = 0.003
 
     @property
-    def scans(self):
-        return PATTERNS[self.pattern]
+    def scan_pattern(self):
+        return SCAN_PATTERNS[self.pattern_name]
 
 
-class Camera(NamedTuple):
+class SimulatedCamera(NamedTuple):
     """A camera: image topic without compression, nominal T_robot_sensor, model, encoding (bgr8 or
     mono8 of Image, jpeg or png of CompressedImage), and when its first image is taken."""
 
@@ -37,47 +37,47 @@ class Camera(NamedTuple):
     params: tuple
     size_px: tuple
     encoding: str = "bgr8"
-    hz: float = 4.0
+    rate_hz: float = 4.0
     start_s: float = 0.02
 
     @property
-    def compressed(self):
-        return self.encoding in COMPRESSED
+    def is_compressed(self):
+        return self.encoding in COMPRESSED_ENCODINGS
 
 
-class Spot(NamedTuple):
+class TargetSpot(NamedTuple):
     """Where a target is held: azimuths to the left and elevations about the forward axis of a
     sensor, and distances from it; `seen_by` names the sensors that must see it well."""
 
     sensor: str
     azimuth_deg: tuple
     distance_m: tuple
-    seen_by: tuple
+    visible_to: tuple
     elevation_deg: tuple = (-4, 4)
 
 
-class Rig(NamedTuple):
+class SimulatedRig(NamedTuple):
     """Sensors by name, sessions, the kinds of placements, which follow each other in turn, as Spot
     by target; `alone`: the Spot of a target that is the only one; arguments unlike others'."""
 
     sensors: dict
-    sessions: tuple
-    kinds: tuple
-    alone: dict
-    defaults: dict
+    session_names: tuple
+    placement_layouts: tuple
+    single_target_spots: dict
+    default_arguments: dict
 
 
-COMPRESSED = ("jpeg", "png")
+COMPRESSED_ENCODINGS = ("jpeg", "png")
 # Of an image of 900 by 700 px.
-CENTRE = (452.6, 347.9)
-PARAMS = {
-    "radtan": (802.3, 801.1, *CENTRE, 0.0, 0.0, 0.0, 0.0),
-    "kannala_brandt": (561.2, 560.4, *CENTRE, -0.013, 0.021, -0.014, 0.003),
-    "double_sphere": (562.4, 561.7, *CENTRE, -0.19, 0.57),
-    "eucm": (641.2, 640.6, *CENTRE, 0.61, 1.12),
-    "mei": (1482.3, 1480.9, *CENTRE, 1.15, -0.06, 0.02, 3e-4, -2e-4),
+PRINCIPAL_POINT_PX = (452.6, 347.9)
+LENS_PARAMS = {
+    "radtan": (802.3, 801.1, *PRINCIPAL_POINT_PX, 0.0, 0.0, 0.0, 0.0),
+    "kannala_brandt": (561.2, 560.4, *PRINCIPAL_POINT_PX, -0.013, 0.021, -0.014, 0.003),
+    "double_sphere": (562.4, 561.7, *PRINCIPAL_POINT_PX, -0.19, 0.57),
+    "eucm": (641.2, 640.6, *PRINCIPAL_POINT_PX, 0.61, 1.12),
+    "mei": (1482.3, 1480.9, *PRINCIPAL_POINT_PX, 1.15, -0.06, 0.02, 3e-4, -2e-4),
 }
-LIDARS = {  # of --lidar: cloud format and scan pattern
+LIDAR_CHOICES = {  # of --lidar: cloud format and scan pattern
     "velodyne": ("velodyne", "beams16"),
     "ouster": ("ouster", "beams32"),
     "plain": ("plain", "beams16"),
@@ -92,88 +92,88 @@ LIDARS = {  # of --lidar: cloud format and scan pattern
     "sick_split": ("sick_split", "beams16"),
     "laserscan": ("laserscan", "flat"),
 }
-SETTINGS = {  # blocks of config.yaml: the demo is to be over within a minute
+CONFIG_BY_RIG = {  # blocks of config.yaml: the demo is to be over within a minute
     "demo": {
         "crop": {"max_frames": 4},
         "solve": {"tolerance_m": 1e-6, "tolerance_rad": 1e-6},  # a hundredth of its σ and less
         "report": {"max_overlays": 2},
     },
 }
-RIGS = {
-    "sim": Rig(
+SIMULATED_RIGS = {
+    "sim": SimulatedRig(
         sensors={
-            "velodyne": Lidar("/velodyne_points", (0.15, 0.0, 0.60), (0.0, 0.0, 2.0)),
-            "camera": Camera(
+            "velodyne": SimulatedLidar("/velodyne_points", (0.15, 0.0, 0.60), (0.0, 0.0, 2.0)),
+            "camera": SimulatedCamera(
                 "/camera/image_raw", (0.25, -0.10, 0.45), (-90.0, 0.0, -90.0),
-                "radtan", PARAMS["radtan"], (900, 700),
+                "radtan", LENS_PARAMS["radtan"], (900, 700),
             ),
         },
-        sessions=("sim",),
-        kinds=(
+        session_names=("sim",),
+        placement_layouts=(
             {
-                "board": Spot("velodyne", (-12, 12), (1.4, 3.2), ("velodyne", "camera")),
-                "cylinder": Spot("velodyne", (25, 70), (1.4, 2.4), ("velodyne",)),
+                "board": TargetSpot("velodyne", (-12, 12), (1.4, 3.2), ("velodyne", "camera")),
+                "cylinder": TargetSpot("velodyne", (25, 70), (1.4, 2.4), ("velodyne",)),
             },
         ),
-        alone={"cylinder": Spot("velodyne", (-18, 18), (1.4, 2.4), ("velodyne", "camera"))},
-        defaults={},
+        single_target_spots={"cylinder": TargetSpot("velodyne", (-18, 18), (1.4, 2.4), ("velodyne", "camera"))},
+        default_arguments={},
     ),
     # A lidar alone, with the targets held all round it.
-    "round": Rig(
+    "round": SimulatedRig(
         sensors={
-            "velodyne": Lidar(
+            "velodyne": SimulatedLidar(
                 "/velodyne_points", (0.15, 0.0, 0.60), (0.0, 0.0, 2.0), sector_deg=180.0
             ),
         },
-        sessions=("round",),
-        kinds=(
+        session_names=("round",),
+        placement_layouts=(
             {
-                "board": Spot("velodyne", (-180, 180), (1.4, 2.6), ("velodyne",)),
-                "cylinder": Spot("velodyne", (-180, 180), (1.2, 2.4), ("velodyne",)),
+                "board": TargetSpot("velodyne", (-180, 180), (1.4, 2.6), ("velodyne",)),
+                "cylinder": TargetSpot("velodyne", (-180, 180), (1.2, 2.4), ("velodyne",)),
             },
         ),
-        alone={},
-        defaults={},
+        single_target_spots={},
+        default_arguments={},
     ),
     # Four fields of view that do not overlap, even with every mount at its worst. Images are taken
     # twice at each placement: 0.6 s divides the 1.8 s from one to the next.
-    "demo": Rig(
+    "demo": SimulatedRig(
         sensors={
-            "front_lidar": Lidar(
+            "front_lidar": SimulatedLidar(
                 "/front/velodyne_points", (0.30, 0.0, 0.60), (0.0, 0.0, 0.0), sector_deg=38.0
             ),
-            "rear_lidar": Lidar(
+            "rear_lidar": SimulatedLidar(
                 "/rear/points", (-0.30, 0.0, 0.60), (0.0, 0.0, 180.0),
                 "ouster", "beams32", sector_deg=38.0, start_s=0.041,
             ),
-            "left_camera": Camera(
+            "left_camera": SimulatedCamera(
                 "/left/image_raw", (0.05, 0.20, 0.60), (-90.0, 0.0, 0.0),
                 "radtan", (781.6, 780.2, 515.3, 379.8, -0.28, 0.09, 6e-4, -4e-4), (1024, 768),
-                hz=5 / 3, start_s=0.2,
+                rate_hz=5 / 3, start_s=0.2,
             ),
-            "right_camera": Camera(
+            "right_camera": SimulatedCamera(
                 "/right/image_raw", (-0.05, -0.20, 0.60), (-90.0, 0.0, 180.0),
                 "kannala_brandt", (641.9, 641.1, 478.2, 362.7, -0.012, 0.018, -0.011, 0.002),
-                (960, 720), "png", hz=5 / 3, start_s=0.25,
+                (960, 720), "png", rate_hz=5 / 3, start_s=0.25,
             ),
         },
-        sessions=("morning", "evening"),
-        kinds=(
+        session_names=("morning", "evening"),
+        placement_layouts=(
             {
-                "board": Spot("front_lidar", (-9, 9), (1.5, 2.8), ("front_lidar",)),
-                "cylinder": Spot("rear_lidar", (-14, 14), (1.4, 2.4), ("rear_lidar",)),
+                "board": TargetSpot("front_lidar", (-9, 9), (1.5, 2.8), ("front_lidar",)),
+                "cylinder": TargetSpot("rear_lidar", (-14, 14), (1.4, 2.4), ("rear_lidar",)),
             },
             {
-                "board": Spot("left_camera", (-11, 11), (1.3, 2.4), ("left_camera",), (-3, 8)),
-                "cylinder": Spot("right_camera", (-14, 14), (1.1, 1.7), ("right_camera",), (-9, 9)),
+                "board": TargetSpot("left_camera", (-11, 11), (1.3, 2.4), ("left_camera",), (-3, 8)),
+                "cylinder": TargetSpot("right_camera", (-14, 14), (1.1, 1.7), ("right_camera",), (-9, 9)),
             },
             {
-                "board": Spot("rear_lidar", (-9, 9), (1.5, 2.8), ("rear_lidar",)),
-                "cylinder": Spot("front_lidar", (-14, 14), (1.4, 2.4), ("front_lidar",)),
+                "board": TargetSpot("rear_lidar", (-9, 9), (1.5, 2.8), ("rear_lidar",)),
+                "cylinder": TargetSpot("front_lidar", (-14, 14), (1.4, 2.4), ("front_lidar",)),
             },
         ),
-        alone={},
-        defaults={
+        single_target_spots={},
+        default_arguments={
             "placements": 15, "range_noise_m": 0.01, "image_noise": 1.8, "blur_px": 0.7,
             "mcs_noise_m": 0.00015, "mcs_noise_deg": 0.02,
             "mcs_bias_m": 0.00005, "mcs_bias_deg": 0.005,
@@ -182,14 +182,14 @@ RIGS = {
 }  # fmt: skip
 
 
-def kinds(rig, targets):
+def layouts_for_targets(rig, targets):
     """The kinds of placements with those targets only."""
-    if len(targets) == 1 and targets[0] in rig.alone:
-        return ({targets[0]: rig.alone[targets[0]]},)
-    return tuple({name: kind[name] for name in targets} for kind in rig.kinds)
+    if len(targets) == 1 and targets[0] in rig.single_target_spots:
+        return ({targets[0]: rig.single_target_spots[targets[0]]},)
+    return tuple({name: kind[name] for name in targets} for kind in rig.placement_layouts)
 
 
-def customised(rig, args):
+def customize_rig(rig, args):
     """The rig with what the arguments say of all its lidars or all its cameras; None says nothing.
 
     A camera model comes with its own parameters and image size.
@@ -197,28 +197,30 @@ def customised(rig, args):
     changes = {"sector_deg": args.sector_deg, "hz": args.camera_hz}
     changes["encoding"] = args.compressed or args.encoding
     if args.lidar:
-        changes["driver"], changes["pattern"] = LIDARS[args.lidar]
+        changes["driver"], changes["pattern"] = LIDAR_CHOICES[args.lidar]
     if args.camera_model:
-        model = {"model": args.camera_model, "params": PARAMS[args.camera_model]}
+        model = {"model": args.camera_model, "params": LENS_PARAMS[args.camera_model]}
         changes |= model | {"size_px": (900, 700)}
-    sensors = {name: _changed(sensor, changes) for name, sensor in rig.sensors.items()}
+    sensors = {name: _replace_fields(sensor, changes) for name, sensor in rig.sensors.items()}
     if args.distortion:
-        sensors = {name: _distorted(sensor, args.distortion) for name, sensor in sensors.items()}
+        sensors = {
+            name: _set_distortion(sensor, args.distortion) for name, sensor in sensors.items()
+        }
     return rig._replace(sensors=sensors)
 
 
-def _changed(sensor, changes):
-    known = {k: v for k, v in changes.items() if k in sensor._fields and v is not None}
+def _replace_fields(sensor, new_values):
+    known = {k: v for k, v in new_values.items() if k in sensor._fields and v is not None}
     return sensor._replace(**known)
 
 
-def _distorted(sensor, distortion):
+def _set_distortion(sensor, distortion):
     """A radtan camera with that k1 k2 p1 p2; another sensor as it is."""
     if getattr(sensor, "model", "") != "radtan":
         return sensor
     return sensor._replace(params=(*sensor.params[:4], *distortion))
 
 
-def models():
+def simulated_camera_models():
     """Names of the camera models that there are parameters for."""
-    return [name for name in MODELS if name in PARAMS]
+    return [name for name in CAMERA_MODELS if name in LENS_PARAMS]

@@ -10,21 +10,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-import simulate
-from benchmarking.accuracy import exact_observations
-from benchmarking.accuracy.draw_statistics import LEVEL, Draw, squared
-from calib.estimation import measurement_groups, problem_assembly, solver
-from calib.geometry import se3
-from calib.io import config
-from calib.targets import target_shapes
-from simulation import config_and_truth
+from benchmarking.accuracy.draw_statistics import (
+    CONFIDENCE_LEVEL,
+    DrawResult,
+    normalized_squared_errors,
+)
+from benchmarking.accuracy.exact_observations import OBSERVERS
+from calib.estimation.measurement_groups import make_still_placements
+from calib.estimation.problem_assembly import build_setup
+from calib.estimation.solver import estimate_poses
+from calib.geometry.se3 import invert_pose, pose_to_quat, se3_exp, se3_log
+from calib.io.config import validate_and_complete
+from calib.targets.target_shapes import target_from_config
+from simulate import draw_sessions, parse_simulation_arguments
+from simulation.config_and_truth import make_rig_config, make_target_config
 
-VIEWS = 2  # scans or images of a placement
-SAMPLES = 60  # MCS poses averaged over a placement
-START = 2e-4  # m, rad: by how much, per axis, the poses are off from which it starts
-NOISE = "--range-noise-m 0.008 --mcs-noise-m 0.00015 --mcs-noise-deg 0.02"
-NOISE += " --mcs-bias-m 0.00005 --mcs-bias-deg 0.005"
-CASES = {  # title: arguments of simulate.py, sensors
+N_VIEWS_PER_PLACEMENT = 2  # scans or images of a placement
+N_MCS_SAMPLES = 60  # MCS poses averaged over a placement
+MAX_START_ERROR = 2e-4  # m, rad: by how much, per axis, the poses are off from which it starts
+NOISE_ARGUMENTS = "--range-noise-m 0.008 --mcs-noise-m 0.00015 --mcs-noise-deg 0.02"
+NOISE_ARGUMENTS += " --mcs-bias-m 0.00005 --mcs-bias-deg 0.005"
+COVERAGE_CASES = {  # title: arguments of simulate.py, sensors
     "lidar, board and cylinder": ("--rig round --placements 10", ("velodyne",)),
     "camera, board": ("--rig sim --targets board --placements 10", ("camera",)),
     "two lidars and two cameras": (
@@ -35,165 +41,177 @@ CASES = {  # title: arguments of simulate.py, sensors
 
 
 @dataclass(frozen=True)
-class Geometry:
+class CoverageCase:
     """A rig and its placements, with all measurements exact.
 
     truth: T_robot_sensor by sensor; options: what solve reads; by session, pairs: columns, and
     places: Placements by number.
     """
 
-    truth: dict
+    T_robot_sensor: dict
     options: dict
-    pairs: dict
-    places: dict
+    measurements: dict
+    placements: dict
 
 
-def geometry_of(arguments, names):
+def make_coverage_case(arguments, sensor_names):
     """The Geometry of the sensors so named, as arguments of simulate.py make it (CASES)."""
-    args = simulate.parse(["-", *NOISE.split(), *arguments.split()])
-    sessions, guesses = simulate.draw(args)
+    args = parse_simulation_arguments(["-", *NOISE_ARGUMENTS.split(), *arguments.split()])
+    sessions, guesses = draw_sessions(args)
     built = sessions[0].rig
-    described = config.complete("rig", config_and_truth.rig_config(built, guesses, args), "rig")
+    described = validate_and_complete("rig", make_rig_config(built, guesses, args), "rig")
     written = {
-        n: config.complete("target", config_and_truth.target_config(n, args), n)
-        for n in args.targets
+        n: validate_and_complete("target", make_target_config(n, args), n) for n in args.targets
     }
     some = {"sessions": {"any": {"rig": "any", "log": "any"}}}
-    settings = config.complete("config", some, "config")
+    settings = validate_and_complete("config", some, "config")
     options = {
-        "sensors": {n: described["sensors"][n] for n in names},
+        "sensors": {n: described["sensors"][n] for n in sensor_names},
         "targets": written,
         "mocap": described["mocap"],
         **{k: settings[k] for k in ("associate", "solve")},
     }
-    pairs = {s.name: pairs_of(s, options) for s in sessions}
-    places = {s.name: places_of(s, options) for s in sessions}
-    return Geometry({n: built.sensors[n] for n in names}, options, pairs, places)
+    pairs = {s.name: exact_measurements(s, options) for s in sessions}
+    places = {s.name: exact_placements(s, options) for s in sessions}
+    return CoverageCase({n: built.T_robot_sensor[n] for n in sensor_names}, options, pairs, places)
 
 
-def places_of(session, options):
+def exact_placements(session, options):
     """Placements by number with exact poses: `count` rests of each target in turn."""
-    names, count = sorted(options["targets"]), len(session.times)
-    T = [se3.inverse(session.knots["robot"]) @ session.knots[n] for n in names]
-    T, times = np.concatenate(T), np.tile(session.times, (len(names), 1))
+    names, count = sorted(options["targets"]), len(session.placement_times_ns)
+    T = [invert_pose(session.placement_poses["robot"]) @ session.placement_poses[n] for n in names]
+    T, times = np.concatenate(T), np.tile(session.placement_times_ns, (len(names), 1))
     table = {
         "placement": np.arange(len(T)),
         "target": np.repeat(names, count),
         "kind": np.full(len(T), "still"),
-        "start": times[:, 0],
-        "end": times[:, 1],
+        "start_ns": times[:, 0],
+        "end_ns": times[:, 1],
         "xyz": T[:, :3, 3],
-        "quat": se3.to_quat(T),
-        "pose_factor": np.full(len(T), SAMPLES**-0.5),
-        "creep": np.zeros((len(T), 6)),
+        "quat": pose_to_quat(T),
+        "mean_pose_sigma_factor": np.full(len(T), N_MCS_SAMPLES**-0.5),
+        "residual_drift": np.zeros((len(T), 6)),
     }
-    return measurement_groups.still(table, session.name, options["targets"], options["mocap"])
+    return make_still_placements(table, session.name, options["targets"], options["mocap"])
 
 
-def pairs_of(session, options):
+def exact_measurements(session, options):
     """Columns of pairs.parquet of everything that is seen, exactly."""
-    names, count, parts = sorted(options["targets"]), len(session.times), []
+    names, count, parts = sorted(options["targets"]), len(session.placement_times_ns), []
     for number in range(count * len(names)):
         target, k = names[number // count], number % count
-        shape = target_shapes.from_config(options["targets"][target])
+        shape = target_from_config(options["targets"][target])
         for sensor, block in options["sensors"].items():
-            sight = exact_observations.SENSORS[block["kind"]]
+            sight = OBSERVERS[block["kind"]]
             for columns in sight(session, sensor, block, target, shape, k):
                 about = {"sensor": sensor, "target": target, "placement": number}
-                for view in range(VIEWS):
-                    parts.append(_row(columns, about | {"view": VIEWS * number + view}))
+                for view in range(N_VIEWS_PER_PLACEMENT):
+                    parts.append(
+                        _with_constant_columns(
+                            columns, about | {"view": N_VIEWS_PER_PLACEMENT * number + view}
+                        )
+                    )
     return {key: np.concatenate([p[key] for p in parts]) for key in parts[0]}
 
 
-def _row(columns, about):
-    n = len(columns["index"])
-    return columns | {k: np.full(n, v) for k, v in about.items()}
+def _with_constant_columns(columns, constants):
+    n = len(columns["feature_index"])
+    return columns | {k: np.full(n, v) for k, v in constants.items()}
 
 
-def draw(case, seed):
+def draw_coverage_error(case, seed):
     """The Draw of one seed of a Geometry, of all its sensors by name."""
     rng = np.random.default_rng([2, seed])
-    start = {n: T @ se3.se3_exp(rng.uniform(-START, START, 6)) for n, T in case.truth.items()}
+    start = {
+        n: T @ se3_exp(rng.uniform(-MAX_START_ERROR, MAX_START_ERROR, 6))
+        for n, T in case.T_robot_sensor.items()
+    }
     notes = {n: {"T_robot_sensor": T} for n, T in start.items()}
     sessions = {
-        name: (noisy(columns, case, rng), notes, shaken(case.places[name], rng))
-        for name, columns in case.pairs.items()
+        name: (
+            add_measurement_noise(columns, case, rng),
+            notes,
+            add_mocap_errors(case.placements[name], rng),
+        )
+        for name, columns in case.measurements.items()
     }
-    setup, start = problem_assembly.setup_of(sessions, {}, case.options)
+    setup, start = build_setup(sessions, {}, case.options)
     limits = case.options["solve"]["max_rounds"], 1e-6, 1e-6
-    result = solver.estimate(setup, start, *limits, noise=10.0)
-    names = sorted(case.truth)
-    found = result.solution.covariance[: 6 * len(names), : 6 * len(names)]
+    result = estimate_poses(setup, start, *limits, initial_noise_factor=10.0)
+    names = sorted(case.T_robot_sensor)
+    found = result.solve_result.covariance[: 6 * len(names), : 6 * len(names)]
     T = result.state.T_robot_sensor
-    errors = [se3.se3_log(se3.inverse(T[n]) @ case.truth[n]) for n in names]
-    return Draw(np.concatenate(errors), found)
+    errors = [se3_log(invert_pose(T[n]) @ case.T_robot_sensor[n]) for n in names]
+    return DrawResult(np.concatenate(errors), found)
 
 
-def noisy(columns, case, rng):
+def add_measurement_noise(columns, case, rng):
     """The columns with an error of its own for every measurement."""
     kind, n = columns["kind"], len(columns["kind"])
     along, pixels = rng.standard_normal(n), rng.standard_normal((n, 2))
     sigma, xyz, uv = columns["sigma"], columns["xyz"].copy(), columns["uv"].copy()
-    rows = kind == "surface"
+    rows = kind == "target_surface"
     unit = xyz[rows] / np.linalg.norm(xyz[rows], axis=1)[:, None]
     xyz[rows] += (sigma * along)[rows, None] * unit
-    rows = kind == "edge"
-    xyz[rows] = turned(xyz[rows], repeated(columns, rows, rng) * sigma[rows])
-    rows = (kind == "corner") | (kind == "limb")
+    rows = kind == "board_outline"
+    xyz[rows] = rotate_rays(xyz[rows], draw_crossing_errors(columns, rows, rng) * sigma[rows])
+    rows = (kind == "pattern_corner") | (kind == "cylinder_limb")
     uv[rows] += sigma[rows, None] * pixels[rows]
     return columns | {"xyz": xyz, "uv": uv}
 
 
-def repeated(columns, rows, rng):
+def draw_crossing_errors(columns, is_crossing, rng):
     """Uniform errors (m,) of unit σ of the chosen crossings, alike where a scan repeats one."""
-    where = zip(*(columns[k][rows].tolist() for k in ("sensor", "placement", "xyz")), strict=True)
+    where = zip(
+        *(columns[k][is_crossing].tolist() for k in ("sensor", "placement", "xyz")), strict=True
+    )
     cells = {}
     index = [cells.setdefault((s, p, tuple(ray)), len(cells)) for s, p, ray in where]
     return np.sqrt(3) * rng.uniform(-1, 1, len(cells))[index]
 
 
-def turned(rays, angle):
+def rotate_rays(rays, angle_rad):
     """Rays (n, 3) turned about z by angles (n,), rad: along the scan."""
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
     x, y, z = rays.T
     return np.column_stack([c * x - s * y, s * x + c * y, z])
 
 
-def shaken(places, rng):
+def add_mocap_errors(placements, rng):
     """Placements by number with errors of the MCS, the robot's alike for all at rest together."""
-    robots = {p.rest: rng.standard_normal(6) for _, p in sorted(places.items())}
+    robots = {p.robot_rest: rng.standard_normal(6) for _, p in sorted(placements.items())}
     out = {}
-    for number, p in sorted(places.items()):
-        errors = p.sigma * np.stack([robots[p.rest], rng.standard_normal(6)])
-        robot, body = se3.se3_exp(errors)
-        out[number] = replace(p, T_robot_body=se3.inverse(robot) @ p.T_robot_body @ body)
+    for number, p in sorted(placements.items()):
+        errors = p.mocap_sigma * np.stack([robots[p.robot_rest], rng.standard_normal(6)])
+        robot, body = se3_exp(errors)
+        out[number] = replace(p, T_robot_body=invert_pose(robot) @ p.T_robot_body @ body)
     return out
 
 
 @dataclass(frozen=True)
-class Coverage:
+class CoverageResult:
     """Over the draws of one case: how many; by sensor, and for `all` together, the share of LEVEL
     ellipsoids that hold the truth, the mean of NEES over its degrees of freedom, and these."""
 
     title: str
-    count: int
-    held: dict
-    nees: dict
-    size: dict
+    n_draws: int
+    share_covered: dict
+    mean_nees: dict
+    n_dof: dict
 
 
-def coverage(title, names, draws):
+def compute_coverage(title, sensor_names, draws):
     """The Coverage of Draws of the sensors so named."""
-    names = sorted(names)
-    blocks = {n: slice(6 * i, 6 * i + 6) for i, n in enumerate(names)}
-    if len(names) > 1:
-        blocks["all"] = slice(0, 6 * len(names))
+    sensor_names = sorted(sensor_names)
+    blocks = {n: slice(6 * i, 6 * i + 6) for i, n in enumerate(sensor_names)}
+    if len(sensor_names) > 1:
+        blocks["all"] = slice(0, 6 * len(sensor_names))
     held, nees, size = {}, {}, {}
     for name, at in blocks.items():
-        found = squared(
+        found = normalized_squared_errors(
             np.array([d.error[at] for d in draws]), np.array([d.covariance[at, at] for d in draws])
         )
         size[name] = at.stop - at.start
-        held[name] = float(np.mean(found < chi2.ppf(LEVEL, size[name])))
+        held[name] = float(np.mean(found < chi2.ppf(CONFIDENCE_LEVEL, size[name])))
         nees[name] = float(found.mean() / size[name])
-    return Coverage(title, len(draws), held, nees, size)
+    return CoverageResult(title, len(draws), held, nees, size)

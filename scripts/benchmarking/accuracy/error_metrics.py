@@ -4,25 +4,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarking.accuracy.accuracy_cases import ENSEMBLE, ROWS
-from calib.geometry import se3
+from benchmarking.accuracy.accuracy_cases import ACCURACY_ROWS, MAX_RMS_RATIO
+from calib.geometry.se3 import invert_pose, rotation_angle, se3_log
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CalibrationOutcome:
     """One finished calibration: (mm, deg) of its error, of σ as reported and of the reference;
     NEES/6 is 1 on average where the covariance is honest. reason: why there is no pose, or ""."""
 
-    reason: str
+    failure_reason: str
     error: tuple = (np.nan, np.nan)
     sigma: tuple = (np.nan, np.nan)
-    nees: float = np.nan
+    nees_ratio: float = np.nan
     reference: tuple = (np.nan, np.nan)
-    pixels: float = np.nan  # error of a corner or contour point per axis at the truth, px, rms
+    pixel_error_px: float = (
+        np.nan
+    )  # error of a corner or contour point per axis at the truth, px, rms
 
 
 @dataclass(frozen=True)
-class Line:
+class AccuracyLine:
     """One line of the table: a row, N and method over its logs.
 
     error, sigma, reference: (mm, deg), root mean square over the logs; worst: the largest error
@@ -31,81 +33,101 @@ class Line:
     """
 
     row: object
-    n: int
+    n_placements: int
     method: str
-    logs: int
+    n_logs: int
     error: tuple
     sigma: tuple
     reference: tuple
-    nees: float
-    worst: float
-    pixels: float
-    lost: tuple
+    mean_nees: float
+    worst_error_ratio: float
+    pixel_error_px: float
+    failure_reasons: tuple
 
 
-def error(T_true, T_found):
+def compute_pose_error(T_true, T_found):
     """(mm, deg): the norm of the difference in translation, the geodesic angle in rotation."""
     shift = np.linalg.norm(T_found[:3, 3] - T_true[:3, 3])
-    return 1e3 * float(shift), float(np.degrees(se3.angle(se3.inverse(T_true) @ T_found)))
+    return 1e3 * float(shift), float(np.degrees(rotation_angle(invert_pose(T_true) @ T_found)))
 
 
-def spread(covariance):
+def sigma_mm_deg(covariance):
     """(mm, deg) of a covariance (6, 6): square roots of the traces of its two blocks."""
     shift, turn = (np.sqrt(np.trace(covariance[b, b])) for b in (np.s_[:3], np.s_[3:]))
     return 1e3 * float(shift), float(np.degrees(turn))
 
 
-def nees(T_true, T_found, covariance):
+def compute_nees(T_true, T_found, covariance):
     """Normalised estimation error squared over its six degrees of freedom."""
-    xi = se3.se3_log(se3.inverse(T_found) @ T_true)
+    xi = se3_log(invert_pose(T_found) @ T_true)
     return float(xi @ np.linalg.solve(covariance, xi)) / 6
 
 
-def outcome(sensor, T_true, reference, pixels):
+def evaluate_sensor_result(sensor_result, T_true, reference, pixel_error_px):
     """The Outcome of one sensor of calibration.json; reference: (mm, deg) of the data."""
-    if sensor["T_robot_sensor"] is None:
-        return Outcome(sensor["status"]["reason"])
-    T = np.array(sensor["T_robot_sensor"]["matrix"])
-    covariance = np.array(sensor["covariance"])
-    found = error(T_true, T), spread(covariance), nees(T_true, T, covariance)
-    return Outcome("", *found, reference, pixels)
+    if sensor_result["T_robot_sensor"] is None:
+        return CalibrationOutcome(sensor_result["status"]["reason"])
+    T = np.array(sensor_result["T_robot_sensor"]["matrix"])
+    covariance = np.array(sensor_result["covariance"])
+    found = (
+        compute_pose_error(T_true, T),
+        sigma_mm_deg(covariance),
+        compute_nees(T_true, T, covariance),
+    )
+    return CalibrationOutcome("", *found, reference, pixel_error_px)
 
 
-def line(row, n, method, outcomes):
+def summarize_logs(row, n_placements, method, outcomes):
     """The Line over the Outcomes of one row, N and method."""
-    good = [o for o in outcomes if not o.reason]
-    lost = tuple(o.reason for o in outcomes if o.reason)
+    good = [o for o in outcomes if not o.failure_reason]
+    lost = tuple(o.failure_reason for o in outcomes if o.failure_reason)
     if not good:
         none = (np.nan, np.nan)
-        return Line(row, n, method, 0, none, none, none, np.nan, np.nan, np.nan, lost)
+        return AccuracyLine(
+            row, n_placements, method, 0, none, none, none, np.nan, np.nan, np.nan, lost
+        )
     rms = {k: _rms([getattr(o, k) for o in good]) for k in ("error", "sigma", "reference")}
     with np.errstate(divide="ignore", invalid="ignore"):
         worst = max(float(np.max(np.divide(o.error, o.reference))) for o in good)
-    mean, pixels = (float(np.mean([getattr(o, k) for o in good])) for k in ("nees", "pixels"))
-    more = {"nees": mean, "worst": worst, "pixels": pixels, "lost": lost}
-    return Line(row, n, method, len(good), **rms, **more)
+    return AccuracyLine(
+        row=row,
+        n_placements=n_placements,
+        method=method,
+        n_logs=len(good),
+        **rms,
+        mean_nees=float(np.mean([o.nees_ratio for o in good])),
+        worst_error_ratio=worst,
+        pixel_error_px=float(np.mean([o.pixel_error_px for o in good])),
+        failure_reasons=lost,
+    )
 
 
 def _rms(pairs):
     return tuple(np.sqrt(np.mean(np.square(pairs), axis=0)).tolist())
 
 
-def goal(row, n, found):
+def find_accuracy_goal(row, n_placements, statistics):
     """(mm, deg) that a row is held to at N: its own, or a multiple of the reference found."""
-    return row.goal[n] if row.goal else tuple(ENSEMBLE * r for r in found.reference)
+    return (
+        row.goals[n_placements]
+        if row.goals
+        else tuple(MAX_RMS_RATIO * r for r in statistics.reference)
+    )
 
 
-def lines(outcomes):
+def summarize_outcomes(outcomes):
     """The Lines of {case: Outcome}, in the order of the cases."""
     grouped = {}
-    for case in sorted(outcomes, key=_order):
+    for case in sorted(outcomes, key=_case_order):
         grouped.setdefault((case.row.key, case.n, case.method), []).append(case)
     return [
-        line(found[0].row, found[0].n, found[0].method, [outcomes[case] for case in found])
+        summarize_logs(
+            found[0].row, found[0].n, found[0].method, [outcomes[case] for case in found]
+        )
         for found in grouped.values()
     ]
 
 
-def _order(case):
-    keys = [row.key for row in ROWS]
+def _case_order(case):
+    keys = [row.key for row in ACCURACY_ROWS]
     return keys.index(case.row.key), -case.n, case.row.methods.index(case.method), case.seed

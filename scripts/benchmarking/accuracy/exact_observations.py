@@ -6,119 +6,136 @@ a few hundredths of a second. A sight is the columns of one sensor, target and p
 
 import numpy as np
 
-from calib.geometry import se3
-from calib.sensors import sensor_models
-from simulation.world import ray_casting, room_scene
+from calib.geometry.se3 import invert_pose, transform_points
+from calib.sensors.sensor_models import sensor_model_from_config
+from simulation.world.ray_casting import cast_rays
+from simulation.world.room_scene import find_surface_index, place_surfaces
 
-FEWEST, POINTS = 30, 50  # returns of a scan
-LINES = 10  # contour points on each side of a cylinder
-SAMPLES = 400  # of an edge, between which its crossing is interpolated
-FLATTEST = 0.35  # cosine of incidence
-SIGMA_PX = {"corner": 0.01, "limb": 0.05}
+MIN_RETURNS, MAX_RETURNS = 30, 50  # returns of a scan
+N_POINTS_PER_SIDE = 10  # contour points on each side of a cylinder
+N_SAMPLES_PER_EDGE = 400  # of an edge, between which its crossing is interpolated
+MIN_COS_INCIDENCE = 0.35  # cosine of incidence
+KEYPOINT_SIGMA_PX = {"pattern_corner": 0.01, "cylinder_limb": 0.05}
 
 
-def lidar(session, name, options, target, shape, k):
-    """Sights by a lidar of a target (its name and shape) at rest k: returns, crossings."""
-    spec, model = session.rig.specs[name], sensor_models.model(options)
-    T_world_lidar = session.knots["robot"][k] @ session.rig.sensors[name]
-    T = se3.inverse(T_world_lidar) @ session.knots[target][k]
-    beams = spec.scans.firing(np.deg2rad(spec.sector_deg), 0).beams
+def observe_with_lidar(session, sensor_name, sensor_block, target_name, shape, placement_index):
+    """Sights by a lidar of a target_name (its name and shape) at rest placement_index: returns, crossings."""
+    spec, model = session.rig.sensor_specs[sensor_name], sensor_model_from_config(sensor_block)
+    T_world_lidar = (
+        session.placement_poses["robot"][placement_index] @ session.rig.T_robot_sensor[sensor_name]
+    )
+    T = invert_pose(T_world_lidar) @ session.placement_poses[target_name][placement_index]
+    beams = spec.scan_pattern.make_firing(np.deg2rad(spec.sector_deg), 0).beam_directions
     rings, beams = beams.shape[1], beams.reshape(-1, 3)
-    rows, distance = on_target(session, target, T_world_lidar, beams, k)
-    if len(rows) < FEWEST:
+    rows, distance = select_target_beams(
+        session, target_name, T_world_lidar, beams, placement_index
+    )
+    if len(rows) < MIN_RETURNS:
         return
     p = beams[rows] * distance[rows, None]
-    rows = rows[shape.gap(*_in_target(T, p, beams[rows]))[1] > FLATTEST]
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, POINTS).astype(int))]
+    rows = rows[
+        shape.distance_along_beam(*_to_target_frame(T, p, beams[rows]))[1] > MIN_COS_INCIDENCE
+    ]
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, MAX_RETURNS).astype(int))]
     xyz = beams[rows] * distance[rows, None]
-    yield _columns("surface", rows % rings, model.range_sigma, xyz=xyz)
-    rays, ring = crossings(shape.edges(), T, np.deg2rad(spec.scans.elevation_deg))
-    yield _columns("edge", ring, model.azimuth_step / np.sqrt(12), xyz=rays)
+    yield _keypoint_columns("target_surface", rows % rings, model.range_sigma, xyz=xyz)
+    rays, ring = exact_outline_crossings(
+        shape.outline_edges(), T, np.deg2rad(spec.scan_pattern.elevation_deg)
+    )
+    yield _keypoint_columns("board_outline", ring, model.azimuth_step / np.sqrt(12), xyz=rays)
 
 
-def on_target(session, target, T_world_lidar, beams, k):
+def select_target_beams(session, target, T_world_lidar, beams, placement_index):
     """Indices of the beams (n, 3) that meet a target at rest k, a cylinder on its side; and the
     distance (n,) of all."""
-    number = room_scene.index(session.scene, target)
-    surfaces = room_scene.poses({target: session.knots[target][k]})
-    distance, label = ray_casting.cast(session.scene, surfaces, T_world_lidar, beams, [number])
+    number = find_surface_index(session.scene, target)
+    surfaces = place_surfaces({target: session.placement_poses[target][placement_index]})
+    distance, label = cast_rays(session.scene, surfaces, T_world_lidar, beams, [number])
     met = np.isfinite(distance)
     if target == "cylinder":
-        met &= label == session.scene.first[number]
+        met &= label == session.scene.first_labels[number]
     return np.flatnonzero(met), distance
 
 
-def _in_target(T_sensor_target, points, beams):
+def _to_target_frame(T_sensor_target, points, beams):
     """Points and beams (3, n) in the target's frame."""
-    T = se3.inverse(T_sensor_target)
-    return se3.transform(T, points).T, (beams @ T[:3, :3].T).T
+    T = invert_pose(T_sensor_target)
+    return transform_points(T, points).T, (beams @ T[:3, :3].T).T
 
 
-def crossings(edges, T_sensor_target, elevation):
+def exact_outline_crossings(edges, T_sensor_target, elevation_rad):
     """Rays (n, 3), lidar frame, at which rings at those elevations, rad, cross edges (e, 2, 3), and
     the number of the ring of each."""
-    share = np.linspace(0, 1, SAMPLES)[:, None]
+    share = np.linspace(0, 1, N_SAMPLES_PER_EDGE)[:, None]
     rays, rings = [np.zeros((0, 3))], [np.zeros(0, int)]
     for a, b in edges:
-        p = se3.transform(T_sensor_target, a + share * (b - a))
+        p = transform_points(T_sensor_target, a + share * (b - a))
         height = np.arctan2(p[:, 2], np.hypot(p[:, 0], p[:, 1]))
-        above = height[:, None] > elevation
+        above = height[:, None] > elevation_rad
         at, ring = np.nonzero(above[1:] != above[:-1])
-        way = (elevation[ring] - height[at]) / (height[at + 1] - height[at])
+        way = (elevation_rad[ring] - height[at]) / (height[at + 1] - height[at])
         met = p[at] + way[:, None] * (p[at + 1] - p[at])
         rays.append(met / np.linalg.norm(met, axis=1)[:, None])
         rings.append(ring)
     return np.concatenate(rays), np.concatenate(rings)
 
 
-def camera(session, name, options, target, shape, k):
+def observe_with_camera(session, sensor_name, sensor_block, target_name, shape, placement_index):
     """Sights by a camera: corners of a pattern, or the sides of a cylinder."""
-    model = sensor_models.model(options)
-    T_world_camera = session.knots["robot"][k] @ session.rig.sensors[name]
-    T = se3.inverse(T_world_camera) @ session.knots[target][k]
+    model = sensor_model_from_config(sensor_block)
+    T_world_camera = (
+        session.placement_poses["robot"][placement_index] @ session.rig.T_robot_sensor[sensor_name]
+    )
+    T = invert_pose(T_world_camera) @ session.placement_poses[target_name][placement_index]
     if shape.pattern:
         points = shape.pattern.corners()
-        uv = _projected(model, se3.transform(T, points))
-        if uv is not None and shape.faces(se3.inverse(T)[:3, 3])[1] > FLATTEST:
+        uv = _project_into_image(model, transform_points(T, points))
+        if uv is not None and shape.check_facing(invert_pose(T)[:3, 3])[1] > MIN_COS_INCIDENCE:
             index = np.arange(len(points))
-            yield _columns("corner", index, SIGMA_PX["corner"], uv=uv, whiten=[1.0, 0.0, 1.0])
+            yield _keypoint_columns(
+                "pattern_corner",
+                index,
+                KEYPOINT_SIGMA_PX["pattern_corner"],
+                uv=uv,
+                whitening=[1.0, 0.0, 1.0],
+            )
         return
-    points, side = limb(shape, T)
-    uv = _projected(model, points)
+    points, side = exact_cylinder_limb(shape, T)
+    uv = _project_into_image(model, points)
     if uv is not None:
-        yield _columns("limb", side, SIGMA_PX["limb"], uv=uv)
+        yield _keypoint_columns("cylinder_limb", side, KEYPOINT_SIGMA_PX["cylinder_limb"], uv=uv)
 
 
-def _projected(model, points):
+def _project_into_image(model, points):
     uv, valid = model.project(points)
-    return uv if valid.all() and model.in_image(uv, 10.0).all() else None
+    return uv if valid.all() and model.is_in_image(uv, 10.0).all() else None
 
 
-def limb(shape, T_camera_target):
+def exact_cylinder_limb(shape, T_camera_target):
     """Points (n, 3), camera frame, m, along the two lines where rays touch a cylinder's side, and
     the side of the axis, +1 or -1, that each is on."""
-    eye = se3.inverse(T_camera_target)[:3, 3]
+    eye = invert_pose(T_camera_target)[:3, 3]
     half = np.arccos(shape.radius / np.hypot(eye[1], eye[2]))
     angles = np.arctan2(eye[2], eye[1]) + np.array([-half, half])
-    along, angle = np.meshgrid(np.linspace(-0.42, 0.42, LINES) * shape.length, angles)
+    along, angle = np.meshgrid(np.linspace(-0.42, 0.42, N_POINTS_PER_SIDE) * shape.length, angles)
     across = shape.radius * np.stack([np.cos(angle), np.sin(angle)], -1)
     q = np.concatenate([along[..., None], across], -1).reshape(-1, 3)
-    points = se3.transform(T_camera_target, q)
+    points = transform_points(T_camera_target, q)
     axis, centre = T_camera_target[:3, 0], T_camera_target[:3, 3]
     return points, np.sign(np.cross(axis, points) @ centre).astype(int)
 
 
-def _columns(kind, index, sigma, xyz=None, uv=None, whiten=np.nan):
+def _keypoint_columns(kind, index, sigma, xyz=None, uv=None, whitening=np.nan):
     """Columns of a sight that do not depend on whose it is."""
     n = len(index)
     return {
-        "kind": np.full(n, kind, dtype="U16"),
-        "index": np.asarray(index, int),
+        "kind": np.full(n, kind, dtype="U32"),
+        "feature_index": np.asarray(index, int),
         "xyz": np.full((n, 3), np.nan) if xyz is None else xyz,
         "uv": np.full((n, 2), np.nan) if uv is None else uv,
         "sigma": np.full(n, sigma),
-        "whiten": np.broadcast_to(whiten, (n, 3)),
+        "whitening": np.broadcast_to(whitening, (n, 3)),
     }
 
 
-SENSORS = {"lidar": lidar, "camera": camera}
+OBSERVERS = {"lidar": observe_with_lidar, "camera": observe_with_camera}

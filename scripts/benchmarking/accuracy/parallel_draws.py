@@ -5,89 +5,95 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 
-from benchmarking.accuracy import (
-    accuracy_cases,
-    covariance_coverage,
-    draw_statistics,
-    noise_draws,
-    simulated_session,
-    simulation_plan,
+from benchmarking.accuracy.accuracy_cases import ACCURACY_ROWS, LOG_ARGUMENTS, find_draw_source
+from benchmarking.accuracy.covariance_coverage import (
+    COVERAGE_CASES,
+    compute_coverage,
+    draw_coverage_error,
+    make_coverage_case,
 )
+from benchmarking.accuracy.draw_statistics import compute_draw_statistics
+from benchmarking.accuracy.noise_draws import compute_draw_references, redraw_and_estimate
+from benchmarking.accuracy.simulated_session import load_simulated_session
+from benchmarking.accuracy.simulation_plan import case_folder, simulated_log_name
 
-CHUNK = {"lidar": 20, "coverage": 50}  # draws of one task; of images, all of a recording
+N_DRAWS_PER_TASK = {"lidar": 20, "coverage": 50}  # draws of one task; of images, all of a recording
 
 
 @dataclass(frozen=True)
-class Task:
+class DrawTask:
     """Draws by seed of a row at N: of its source's folder of results, its log, and the settings of
     the run."""
 
-    row: str
-    n: int
-    results: object
-    log: object
+    row_key: str
+    n_placements: int
+    results_folder: object
+    log_folder: object
     settings: dict
     seeds: range
 
-    def recording(self):
-        row = next(r for r in accuracy_cases.ROWS if r.key == self.row)
-        noise = accuracy_cases.LOGS[row.log].split()
-        return simulated_session.recording(self.results, self.log, self.settings, row, noise)
+    def load_session(self):
+        row = next(r for r in ACCURACY_ROWS if r.key == self.row_key)
+        noise = LOG_ARGUMENTS[row.log_kind].split()
+        return load_simulated_session(
+            self.results_folder, self.log_folder, self.settings, row, noise
+        )
 
 
-def tasks(run, logs, settings, cases, most):
+def plan_draw_tasks(run, logs, settings, cases, max_draws):
     """The Tasks of all rows with noise among the cases, the longest first."""
     out = []
     for row, n in sorted({(c.row.key, c.n) for c in cases}, key=lambda k: (-k[1], k[0])):
-        row = next(r for r in accuracy_cases.ROWS if r.key == row)
-        source = accuracy_cases.source(row, n)
+        row = next(r for r in ACCURACY_ROWS if r.key == row)
+        source = find_draw_source(row, n)
         if source is None:
             continue
-        results = run / simulation_plan.home(source) / "results" / source.name / source.name
-        count = row.draws(n, most)
-        size = count if row.of_images else CHUNK["lidar"]
-        log = logs / simulation_plan.log_name(*source.log)
+        results = run / case_folder(source) / "results" / source.name / source.name
+        count = row.count_draws(n, max_draws)
+        size = count if row.is_camera else N_DRAWS_PER_TASK["lidar"]
+        log = logs / simulated_log_name(*source.log_key)
         for first in range(0, count, size):
             seeds = range(first, min(first + size, count))
-            out.append(Task(row.key, n, results, log, settings, seeds))
+            out.append(DrawTask(row.key, n, results, log, settings, seeds))
     return out
 
 
-def drawn(task):
+def run_draw_task(task):
     """Draws of a Task, and the reference with and without outlines."""
-    recording = task.recording()
-    return [noise_draws.draw(recording, seed) for seed in task.seeds], noise_draws.limits(recording)
+    recording = task.load_session()
+    return [redraw_and_estimate(recording, seed) for seed in task.seeds], compute_draw_references(
+        recording
+    )
 
 
-def observed(title, seeds):
+def run_coverage_batch(case_title, seeds):
     """Draws of one of coverage.CASES."""
-    case = covariance_coverage.geometry_of(*covariance_coverage.CASES[title])
-    return [covariance_coverage.draw(case, seed) for seed in seeds]
+    case = make_coverage_case(*COVERAGE_CASES[case_title])
+    return [draw_coverage_error(case, seed) for seed in seeds]
 
 
-def everything(pending, count, cores):
+def run_all_draws(tasks, n_coverage_draws, n_cores):
     """({(row, N): Statistics}, [Coverage]): of all Tasks, and of `count` draws of each of
     coverage.CASES."""
     # Threads of NumPy's would take the cores from the other processes; they start with NumPy.
     os.environ["OMP_NUM_THREADS"] = "1"
     spans = [
-        range(i, min(i + CHUNK["coverage"], count)) for i in range(0, count, CHUNK["coverage"])
+        range(i, min(i + N_DRAWS_PER_TASK["coverage"], n_coverage_draws))
+        for i in range(0, n_coverage_draws, N_DRAWS_PER_TASK["coverage"])
     ]
-    with ProcessPoolExecutor(cores, get_context("spawn")) as pool:
-        noisy = [(task, pool.submit(drawn, task)) for task in pending]
-        ideal = {t: [pool.submit(observed, t, s) for s in spans] for t in covariance_coverage.CASES}
+    with ProcessPoolExecutor(n_cores, get_context("spawn")) as pool:
+        noisy = [(task, pool.submit(run_draw_task, task)) for task in tasks]
+        ideal = {t: [pool.submit(run_coverage_batch, t, s) for s in spans] for t in COVERAGE_CASES}
         found = {}
         for task, future in noisy:
             found.setdefault((task.row, task.n), []).append(future.result())
         covered = [
-            covariance_coverage.coverage(
-                title, covariance_coverage.CASES[title][1], [d for f in fs for d in f.result()]
-            )
+            compute_coverage(title, COVERAGE_CASES[title][1], [d for f in fs for d in f.result()])
             for title, fs in ideal.items()
         ]
-    return {key: _statistics(parts) for key, parts in found.items()}, covered
+    return {key: _merge_task_results(parts) for key, parts in found.items()}, covered
 
 
-def _statistics(parts):
+def _merge_task_results(parts):
     reference, bare = parts[0][1]
-    return draw_statistics.statistics([d for part, _ in parts for d in part], reference, bare)
+    return compute_draw_statistics([d for part, _ in parts for d in part], reference, bare)

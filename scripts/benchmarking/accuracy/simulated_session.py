@@ -6,21 +6,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-import simulate
-from calib.geometry import se3
-from calib.io import config, parquet_tables, pose_block, table_schemas
-from calib.sensors import sensor_models
-from calib.targets import target_shapes
-from calib.views.windows import cone
-from simulation import config_and_truth, record_session
-from simulation.sensors import camera_exposure, render_image, scan_patterns
+from calib.geometry.se3 import invert_pose, pose_from_xyz_quat
+from calib.io.config import validate_and_complete
+from calib.io.parquet_tables import read_table
+from calib.io.pose_block import pose_from_config
+from calib.io.table_schemas import CAMERA_VIEWS_SCHEMA, LIDAR_VIEWS_SCHEMA, PLACEMENTS_SCHEMA
+from calib.sensors.sensor_models import sensor_model_from_config
+from calib.targets.target_shapes import target_from_config
+from calib.views.windows import is_in_view_cone
+from simulate import draw_sessions, parse_simulation_arguments
+from simulation.config_and_truth import make_rig_config, make_target_config
+from simulation.record_session import SessionTruth, render_session_image
+from simulation.sensors.camera_exposure import Shutter
+from simulation.sensors.render_image import compute_ray_grid
+from simulation.sensors.scan_patterns import Firing
 
-NOISE = ("range_noise_m", "image_noise", "mcs_noise_m", "mcs_noise_deg")
-SCHEMAS = {"camera": table_schemas.VIEWS_CAMERA, "lidar": table_schemas.VIEWS_LIDAR}
+NOISE_ARGUMENT_NAMES = ("range_noise_m", "image_noise", "mcs_noise_m", "mcs_noise_deg")
+VIEW_SCHEMAS = {"camera": CAMERA_VIEWS_SCHEMA, "lidar": LIDAR_VIEWS_SCHEMA}
 
 
 @dataclass(frozen=True)
-class Recording:
+class SimulatedSession:
     """One sensor and one target in one session, with noise that is yet to be drawn.
 
     session: of the simulator (record.Session), its arguments with that noise; options: what the
@@ -28,49 +34,52 @@ class Recording:
     content: by placement, what a sensor without noise meets there (`window` or `picture`).
     """
 
-    session: record_session.Session
+    truth: SessionTruth
     sensor: str
     target: str
     options: dict
-    placements: dict
-    views: dict
-    guess: dict
-    content: dict
+    placement_columns: dict
+    view_columns: dict
+    guess_json: dict
+    exact_data: dict
 
     @property
     def T_robot_sensor(self):
         """The true pose (4, 4); nothing but the judgement of a result may ask for it."""
-        return self.session.rig.sensors[self.sensor]
+        return self.truth.rig.T_robot_sensor[self.sensor]
 
     @property
-    def model(self):
-        return sensor_models.model(self.options["sensor"])
+    def sensor_model(self):
+        return sensor_model_from_config(self.options["sensor"])
 
 
-def recording(results, log, settings, row, noise):
+def load_simulated_session(results_folder, log_folder, settings, row, noise_arguments):
     """The Recording of the folder of a session's results and of that of its simulated log.
 
-    settings: the config of the run, complete; row: of the benchmark, for sensor and target; noise:
+    settings: the config of the run, complete; row: of the benchmark, for sensor and target; noise_arguments:
     arguments of simulate.py that make the noise to be drawn.
     """
-    arguments = json.loads((log / "truth.json").read_text())["arguments"]
-    loud = {key: getattr(simulate.parse(["-", *noise]), key) for key in NOISE}
+    arguments = json.loads((log_folder / "truth.json").read_text())["arguments"]
+    loud = {
+        key: getattr(parse_simulation_arguments(["-", *noise_arguments]), key)
+        for key in NOISE_ARGUMENT_NAMES
+    }
     args = Namespace(**(arguments | loud))
-    placements, _, _ = parquet_tables.read(results / "placements.parquet", table_schemas.PLACEMENTS)
-    kind = "camera" if row.of_images else "lidar"
-    views, _, _ = parquet_tables.read(results / row.sensor / "views.parquet", SCHEMAS[kind])
-    guess = json.loads((results / row.sensor / "guess.json").read_text())
-    return filled(args, row.sensor, row.target, settings, placements, views, guess)
+    placements, _, _ = read_table(results_folder / "placements.parquet", PLACEMENTS_SCHEMA)
+    kind = "camera" if row.is_camera else "lidar"
+    views, _, _ = read_table(results_folder / row.sensor / "views.parquet", VIEW_SCHEMAS[kind])
+    guess = json.loads((results_folder / row.sensor / "guess.json").read_text())
+    return make_simulated_session(args, row.sensor, row.target, settings, placements, views, guess)
 
 
-def filled(args, sensor, target, settings, placements, views, guess):
+def make_simulated_session(arguments, sensor, target, settings, placements, views, guess):
     """The Recording of arguments of simulate.py, the noise among them, and of what the pipeline
     made of such a log: columns of placements and views, content of guess.json."""
-    (session,), guesses = simulate.draw(args)
-    described = config.complete(
-        "rig", config_and_truth.rig_config(session.rig, guesses, args), "rig"
+    (session,), guesses = draw_sessions(arguments)
+    described = validate_and_complete(
+        "rig", make_rig_config(session.rig, guesses, arguments), "rig"
     )
-    written = config.complete("target", config_and_truth.target_config(target, args), "target")
+    written = validate_and_complete("target", make_target_config(target, arguments), "target")
     (name,) = set(placements["target"].tolist())
     block = described["sensors"][sensor]
     options = {
@@ -81,50 +90,50 @@ def filled(args, sensor, target, settings, placements, views, guess):
         "mocap": described["mocap"],
         **{k: settings[k] for k in ("crop", "extract", "associate", "solve")},
     }
-    whole = Recording(session, sensor, target, options, placements, views, guess, {})
-    meet = picture if block["kind"] == "camera" else window
+    whole = SimulatedSession(session, sensor, target, options, placements, views, guess, {})
+    meet = render_exact_image if block["kind"] == "camera" else compute_window_firing
     for k in sorted(set(views["placement"][views["kept"]].tolist())):
-        whole.content[k] = meet(whole, k)
+        whole.exact_data[k] = meet(whole, k)
     return whole
 
 
-def rows_of(recording, placement):
+def select_kept_views(session, placement):
     """Rows of the kept views of a placement."""
-    views = recording.views
+    views = session.view_columns
     return np.flatnonzero(views["kept"] & (views["placement"] == placement))
 
 
-def span(recording, placement):
+def placement_time_span(session, placement):
     """Start and end of a placement, ns."""
-    row = np.flatnonzero(recording.placements["placement"] == placement)[0]
-    return tuple(int(recording.placements[k][row]) for k in ("start", "end"))
+    row = np.flatnonzero(session.placement_columns["placement"] == placement)[0]
+    return tuple(int(session.placement_columns[k][row]) for k in ("start_ns", "end_ns"))
 
 
-def window(recording, placement):
+def compute_window_firing(session, placement):
     """Beams (n, 3) of a turn around where the guess expects the target, the time of each after the
     first, ns, and its ring."""
-    options, table = recording.options, recording.placements
+    options, table = session.options, session.placement_columns
     row = np.flatnonzero(table["placement"] == placement)[0]
-    T_robot_body = se3.from_xyz_quat(table["xyz"][row], table["quat"][row])
+    T_robot_body = pose_from_xyz_quat(table["xyz"][row], table["quat"][row])
     (config_of,) = options["targets"].values()
-    T_sensor_robot = se3.inverse(np.array(recording.guess["T_robot_sensor"]["matrix"]))
-    T = T_sensor_robot @ T_robot_body @ pose_block.pose(config_of["T_body_target"])
-    spec = recording.session.rig.specs[recording.sensor]
-    firing = spec.scans.firing(np.deg2rad(spec.sector_deg), 0)
-    margin = options["crop"]["margin_sigma"] * np.array(recording.guess["sigma"])
-    flat = firing.beams.reshape(-1, 3)
-    inside = cone(flat, target_shapes.from_config(config_of), T, margin)
-    column, ring = np.divmod(np.flatnonzero(inside), firing.beams.shape[1])
-    return scan_patterns.Firing(flat[inside][:, None], firing.after[column]), ring.astype(np.int32)
+    T_sensor_robot = invert_pose(np.array(session.guess_json["T_robot_sensor"]["matrix"]))
+    T = T_sensor_robot @ T_robot_body @ pose_from_config(config_of["T_body_target"])
+    spec = session.truth.rig.sensor_specs[session.sensor]
+    firing = spec.scan_pattern.make_firing(np.deg2rad(spec.sector_deg), 0)
+    margin = options["crop"]["margin_sigma"] * np.array(session.guess_json["sigma"])
+    flat = firing.beam_directions.reshape(-1, 3)
+    inside = is_in_view_cone(flat, target_from_config(config_of), T, margin)
+    column, ring = np.divmod(np.flatnonzero(inside), firing.beam_directions.shape[1])
+    return Firing(flat[inside][:, None], firing.column_time_ns[column]), ring.astype(np.int32)
 
 
-def picture(recording, placement):
+def render_exact_image(recording, placement):
     """Unrounded image (height, width, 3) of a placement without noise."""
     session, args = recording.session, recording.session.args
-    view = render_image.view(session.rig.cameras[recording.sensor])
-    shutter = camera_exposure.Shutter(
-        lambda t, points: record_session.image_at(session, recording.sensor, view, t, points),
+    view = compute_ray_grid(session.rig.cameras[recording.sensor])
+    shutter = Shutter(
+        lambda t, points: render_session_image(session, recording.sensor, view, t, points),
         *(session.times, args.exposure_s, args.blur_px),
     )
-    t = recording.views["t"][rows_of(recording, placement)[0]]
-    return shutter.open(int(t)).astype(np.float32)
+    t = recording.views["stamp_ns"][select_kept_views(recording, placement)[0]]
+    return shutter.capture_image(int(t)).astype(np.float32)

@@ -5,107 +5,118 @@ import struct
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from calib.geometry import se3
-from simulation import ros_log, simulated_rigs
-from simulation.sensors import cloud_formats
+from calib.geometry.se3 import make_pose, se3_exp
+from simulation import ros_log
+from simulation.ros_log import (
+    CLOUD_TYPE,
+    IMAGE_TYPE,
+    TF_TYPE,
+    make_cloud_message,
+    make_image_message,
+    make_tf_message,
+)
+from simulation.sensors.cloud_formats import Echoes
+from simulation.simulated_rigs import SimulatedCamera
 
 COMPRESSIONS = {
     "none": CompressionType.NONE,
     "lz4": CompressionType.LZ4,
     "zstd": CompressionType.ZSTD,
 }
-BEGIN, NS = 1_700_000_000 * 10**9, 10**9
-MAP, BODIES = "mocap/world", ("mocap/robot", "mocap/board", "mocap/cylinder")
-LIDARS, CAMERAS = ("front", "rear"), ("left", "right")
+LARGE_LOG_START_NS, NS_PER_S = 1_700_000_000 * 10**9, 10**9
+MAP_FRAME, BODY_NAMES = "mocap/world", ("mocap/robot", "mocap/board", "mocap/cylinder")
+LIDAR_NAMES, CAMERA_NAMES = ("front", "rear"), ("left", "right")
 MCS_HZ, SENSOR_HZ = 100, 10
-BEAMS, COLUMNS, SIZE_PX = 16, 1800, (1280, 1024)
-DIFFERENT = 8  # messages of a sensor that take turns
-STAMP_AT = 4  # byte of a serialised message that begins with a header
+N_BEAMS, N_COLUMNS, IMAGE_SIZE_PX = 16, 1800, (1280, 1024)
+N_DISTINCT_MESSAGES = 8  # messages of a sensor that take turns
+STAMP_BYTE_OFFSET = 4  # byte of a serialised message that begins with a header
 
 
-def write(path, compression, content):
+def write_large_log(path, compression, min_content_bytes):
     """Write an MCAP of `content` bytes of messages, or a little more; returns their number."""
     with path.open("wb") as stream:
         # The checksum of a chunk takes longer than its bytes, and no reader here asks for it.
         kind = COMPRESSIONS[compression]
         writer = Writer(stream, chunk_size=1 << 20, compression=kind, enable_crcs=False)
         writer.start(profile="ros2", library="benchmark")
-        channels, written, count = _channels(writer), 0, 0
-        for log_t, topic, data in _messages():
+        channels, written, count = _register_channels(writer), 0, 0
+        for log_t, topic, data in _generate_messages():
             writer.add_message(channels[topic], log_t, data, log_t, count)
             written, count = written + len(data), count + 1
-            if written >= content:
+            if written >= min_content_bytes:
                 break
         writer.finish()
     return count
 
 
-def sensors():
+def large_log_sensors():
     """{sensor: what decode is told of it}."""
-    lidars = {n: {"kind": "lidar", "topic": f"/{n}/points", "point_time": {}} for n in LIDARS}
-    cameras = {n: {"kind": "camera", "topic": f"/{n}/image_raw"} for n in CAMERAS}
+    lidars = {n: {"kind": "lidar", "topic": f"/{n}/points", "point_time": {}} for n in LIDAR_NAMES}
+    cameras = {n: {"kind": "camera", "topic": f"/{n}/image_raw"} for n in CAMERA_NAMES}
     return lidars | cameras
 
 
-def _channels(writer):
+def _register_channels(writer):
     """{topic: channel} of all that a log holds."""
-    kinds = {"camera": ros_log.IMAGE, "lidar": ros_log.CLOUD}
-    types = {"/tf": ros_log.TF} | {s["topic"]: kinds[s["kind"]] for s in sensors().values()}
+    kinds = {"camera": IMAGE_TYPE, "lidar": CLOUD_TYPE}
+    types = {"/tf": TF_TYPE} | {s["topic"]: kinds[s["kind"]] for s in large_log_sensors().values()}
     out = {}
     for topic, name in types.items():
-        text = ros_log.STORE.generate_msgdef(name, ros_version=2)[0].encode()
+        text = ros_log.ROS2_TYPES.generate_msgdef(name, ros_version=2)[0].encode()
         schema = writer.register_schema(name, "ros2msg", text)
         out[topic] = writer.register_channel(topic, "cdr", schema)
     return out
 
 
-def _messages():
+def _generate_messages():
     """(log time, ns, topic, bytes) without an end, by log time."""
     rng = np.random.default_rng(0)
-    make = {"lidar": _cloud, "camera": _image}
+    make = {"lidar": _make_cloud_bytes, "camera": _make_image_bytes}
     pools = {
-        s["topic"]: [make[s["kind"]](rng, name) for _ in range(DIFFERENT)]
-        for name, s in sensors().items()
+        s["topic"]: [make[s["kind"]](rng, name) for _ in range(N_DISTINCT_MESSAGES)]
+        for name, s in large_log_sensors().items()
     }
-    poses = {body: se3.pose(t=[i, 0, 1.0]) for i, body in enumerate(BODIES)}
+    poses = {body: make_pose(t=[i, 0, 1.0]) for i, body in enumerate(BODY_NAMES)}
     tick = 0
     while True:
-        t = BEGIN + tick * (NS // MCS_HZ)
-        poses = {b: T @ se3.se3_exp(rng.normal(0, 1e-3, 6)) for b, T in poses.items()}
-        yield t, "/tf", _serialised(ros_log.transforms(t, MAP, poses))
+        t = LARGE_LOG_START_NS + tick * (NS_PER_S // MCS_HZ)
+        poses = {b: T @ se3_exp(rng.normal(0, 1e-3, 6)) for b, T in poses.items()}
+        yield t, "/tf", _serialize_message(make_tf_message(t, MAP_FRAME, poses))
         turn, between = divmod(tick, MCS_HZ // SENSOR_HZ)
         if between == 0:
             for topic, pool in pools.items():
-                data, stamp = pool[turn % DIFFERENT], t - NS // SENSOR_HZ
-                struct.pack_into("<iI", data, STAMP_AT, stamp // NS, stamp % NS)
+                data, stamp = pool[turn % N_DISTINCT_MESSAGES], t - NS_PER_S // SENSOR_HZ
+                struct.pack_into(
+                    "<iI", data, STAMP_BYTE_OFFSET, stamp // NS_PER_S, stamp % NS_PER_S
+                )
                 yield t, topic, data
         tick += 1
 
 
-def _serialised(message):
-    return bytearray(ros_log.STORE.serialize_cdr(message, message.__msgtype__))
+def _serialize_message(message):
+    return bytearray(ros_log.ROS2_TYPES.serialize_cdr(message, message.__msgtype__))
 
 
-def _cloud(rng, frame):
+def _make_cloud_bytes(rng, frame):
     """PointCloud2 of a turn in a square room."""
-    azimuth = np.linspace(-np.pi, np.pi, COLUMNS, endpoint=False)[:, None]
-    elevation = np.radians(np.linspace(-15, 15, BEAMS))
+    azimuth = np.linspace(-np.pi, np.pi, N_COLUMNS, endpoint=False)[:, None]
+    elevation = np.radians(np.linspace(-15, 15, N_BEAMS))
     ray = np.stack(
         [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation)]
-        + [np.broadcast_to(np.sin(elevation), (COLUMNS, BEAMS))],
+        + [np.broadcast_to(np.sin(elevation), (N_COLUMNS, N_BEAMS))],
         -1,
     )
     distance = 4 / np.abs(ray[..., :2]).max(-1) + rng.normal(0, 0.01, ray.shape[:2])
-    after = np.arange(COLUMNS)[:, None] * (NS // SENSOR_HZ // COLUMNS)
+    after = np.arange(N_COLUMNS)[:, None] * (NS_PER_S // SENSOR_HZ // N_COLUMNS)
     grey, seen = rng.integers(0, 255, distance.shape), np.ones(distance.shape, bool)
-    echoes = cloud_formats.Echoes(ray * distance[..., None], distance, grey, seen, after, BEGIN)
-    return _serialised(ros_log.cloud(BEGIN, frame, "velodyne", echoes))
+    echoes = Echoes(ray * distance[..., None], distance, grey, seen, after, LARGE_LOG_START_NS)
+    return _serialize_message(make_cloud_message(LARGE_LOG_START_NS, frame, "velodyne", echoes))
 
 
-def _image(rng, frame):
+def _make_image_bytes(rng, frame):
     """Image of grey waves with a sensor's noise."""
-    u, v = np.meshgrid(*map(np.arange, SIZE_PX))
+    u, v = np.meshgrid(*map(np.arange, IMAGE_SIZE_PX))
     grey = 128 + 100 * np.sin(u / 90) * np.cos(v / 70) + rng.normal(0, 1.8, u.shape)
-    spec = simulated_rigs.Camera("", (), (), "", (), SIZE_PX, encoding="mono8")
+    spec = SimulatedCamera("", (), (), "", (), IMAGE_SIZE_PX, encoding="mono8")
     pixels = np.clip(grey, 0, 255).astype(np.uint8)
-    return _serialised(ros_log.image(BEGIN, frame, spec, pixels)[2])
+    return _serialize_message(make_image_message(LARGE_LOG_START_NS, frame, spec, pixels)[2])

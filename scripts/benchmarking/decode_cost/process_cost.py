@@ -11,25 +11,33 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from calib.io import stage_cli
+from calib.io.stage_cli import run_stage
 
-LINE = re.compile(r"^(\w+) took ([\d.]+) s, ([\d.]+) s CPU, (\d+) MB$", re.MULTILINE)
-STAGES = ("decode", "gate", "guess", "crop", "extract", "associate", "solve", "judge")
-PACKAGES = ("snakemake", "numpy", "scipy", "casadi", "opencv-python-headless", "mcap", "pyarrow")
+COST_LINE = re.compile(r"^(\w+) took ([\d.]+) s, ([\d.]+) s CPU, (\d+) MB$", re.MULTILINE)
+TIMED_STAGES = ("decode", "gate", "guess", "crop", "extract", "associate", "solve", "judge")
+REPORTED_PACKAGES = (
+    "snakemake",
+    "numpy",
+    "scipy",
+    "casadi",
+    "opencv-python-headless",
+    "mcap",
+    "pyarrow",
+)
 
 
 @dataclass(frozen=True)
-class Cost:
+class StageCost:
     """Of the jobs of one stage: how many, wall and CPU seconds in sum, the largest memory, MB."""
 
-    jobs: int
-    wall: float
-    cpu: float
-    memory: int
+    n_jobs: int
+    wall_s: float
+    cpu_s: float
+    peak_memory_mb: int
 
 
 @dataclass(frozen=True)
-class Speed:
+class RunSpeed:
     """One log to its extrinsics on an otherwise idle machine.
 
     about: sensors, placements and size of the log in words; costs: {stage: Cost}; wall: s from the
@@ -37,46 +45,46 @@ class Speed:
     bytes; memory: [(size of a log, memory of its decode)], MB, over all logs.
     """
 
-    about: str
-    costs: dict
-    wall: float
-    raw: float
-    memory: list
+    description: str
+    stage_costs: dict
+    wall_s: float
+    raw_cpu_s: float
+    decode_memory_mb: list
 
 
-def costs(logs):
+def parse_stage_costs(log_texts):
     """{stage: Cost} from the texts of the jobs' logs, in the order of the data's flow."""
     found = {}
-    for text in logs:
-        for name, wall, cpu, memory in LINE.findall(text):
-            before = found.get(name, Cost(0, 0.0, 0.0, 0))
-            found[name] = Cost(
-                before.jobs + 1,
-                before.wall + float(wall),
-                before.cpu + float(cpu),
-                max(before.memory, int(memory)),
+    for text in log_texts:
+        for name, wall, cpu, memory in COST_LINE.findall(text):
+            before = found.get(name, StageCost(0, 0.0, 0.0, 0))
+            found[name] = StageCost(
+                before.n_jobs + 1,
+                before.wall_s + float(wall),
+                before.cpu_s + float(cpu),
+                max(before.peak_memory_mb, int(memory)),
             )
-    return {name: found[name] for name in STAGES if name in found}
+    return {name: found[name] for name in TIMED_STAGES if name in found}
 
 
-def raw_read(log):
+def time_raw_read(log_path):
     """CPU seconds in which mcap's own reader hands out every message of a log, undecoded."""
     begin = time.process_time()
-    with log.open("rb") as stream:
+    with log_path.open("rb") as stream:
         for _ in make_reader(stream).iter_messages():
             pass
     return time.process_time() - begin
 
 
-def machine():
+def describe_machine():
     """What it runs on, in words."""
     cpuinfo = Path("/proc/cpuinfo")
     text = cpuinfo.read_text() if cpuinfo.exists() else ""
     model = re.search(r"^model name\s*: (.*)$", text, re.MULTILINE)
     name = model[1] if model else platform.machine()
-    packages = ", ".join(f"{p} {version(p)}" for p in PACKAGES)
+    packages = ", ".join(f"{p} {version(p)}" for p in REPORTED_PACKAGES)
     return f"{os.cpu_count()} cores of {name}; Python {platform.python_version()}, {packages}"
 
 
 if __name__ == "__main__":
-    stage_cli.run(lambda: raw_read(Path(sys.argv[1])))
+    run_stage(lambda: time_raw_read(Path(sys.argv[1])))

@@ -4,19 +4,19 @@ Every function takes a bytearray, which it may change, and a generator, and give
 """
 
 
-def flipped(data, rng):
+def flip_bits(data, rng):
     """Some bits wrong, anywhere."""
     for at in rng.integers(0, len(data), rng.integers(1, 12)):
         data[at] ^= 1 << rng.integers(8)
     return data
 
 
-def cut(data, rng):
+def truncate_bytes(data, rng):
     """The end missing, from anywhere."""
     return data[: rng.integers(0, len(data))]
 
 
-def overwritten(data, rng):
+def overwrite_bytes(data, rng):
     """A stretch of other bytes: zeros, ones, or anything."""
     n = int(rng.integers(1, 64))
     at = int(rng.integers(0, max(1, len(data) - n)))
@@ -24,18 +24,18 @@ def overwritten(data, rng):
     return data
 
 
-def shortened(data, rng):
+def remove_bytes(data, rng):
     """A stretch missing within."""
     at = int(rng.integers(0, len(data)))
     del data[at : at + int(rng.integers(1, 200))]
     return data
 
 
-def repeated(data, rng):
+def repeat_bytes(data, rng):
     """A stretch twice."""
     at = int(rng.integers(0, len(data)))
     data[at:at] = data[at : at + int(rng.integers(1, 200))]
     return data
 
 
-DAMAGES = (flipped, cut, overwritten, shortened, repeated)
+BYTE_DAMAGES = (flip_bits, truncate_bytes, overwrite_bytes, remove_bytes, repeat_bytes)

@@ -2,12 +2,14 @@
 
 from collections import Counter
 
-from benchmarking.fuzzing import run_cases, small_recordings
-from benchmarking.page.markdown import Section, table
+from benchmarking.fuzzing import run_cases
+from benchmarking.fuzzing.run_cases import CASE_ENDS, CASE_KINDS
+from benchmarking.fuzzing.small_recordings import FUZZ_CONTAINERS
+from benchmarking.page.markdown import PageSection, format_markdown_table
 
-MOST_MEMORY = 500  # MB
+MAX_MEMORY_MB = 500  # MB
 
-WORDS = """{count} cases drawn from a seed: a small log of poses, clouds and images in one of
+FUZZ_TEMPLATE = """{count} cases drawn from a seed: a small log of poses, clouds and images in one of
 {containers} containers, some of whose bytes are wrong or missing (*damaged log*) or whose messages
 say what no driver means (*hostile log*); a folder of configs with other values, keys or bytes
 (*config*). A log is decoded, gated and read again as crop reads it.
@@ -19,36 +21,38 @@ say what no driver means (*hostile log*); a folder of configs with other values,
   {most} s. The slowest case took {slowest:.1f} s, and no process more than {memory:.0f} MB."""
 
 
-def section(outcomes):
+def build_fuzz_section(outcomes):
     """The Section on fuzz.Outcomes."""
     ends = Counter((o.kind, o.end) for o in outcomes)
     rows = [
         [
             kind,
-            str(sum(ends[kind, e] for e in run_cases.ENDS)),
-            *(str(ends[kind, e]) for e in run_cases.ENDS),
+            str(sum(ends[kind, e] for e in CASE_ENDS)),
+            *(str(ends[kind, e]) for e in CASE_ENDS),
         ]
-        for kind in run_cases.KINDS
+        for kind in CASE_KINDS
     ]
-    text = WORDS.format(
+    text = FUZZ_TEMPLATE.format(
         count=len(outcomes),
-        containers=len(small_recordings.CONTAINERS),
-        table=table(("input", "cases", *run_cases.ENDS), rows),
-        most=run_cases.MOST_SECONDS,
+        containers=len(FUZZ_CONTAINERS),
+        table=format_markdown_table(("input", "cases", *CASE_ENDS), rows),
+        most=run_cases.MAX_CASE_SECONDS,
         slowest=max(o.seconds for o in outcomes),
-        memory=max(o.memory for o in outcomes),
+        memory=max(o.peak_memory_mb for o in outcomes),
     )
-    return Section("Damaged input", text, short_of(outcomes))
+    return PageSection("Damaged input", text, check_fuzz_goals(outcomes))
 
 
-def short_of(outcomes):
+def check_fuzz_goals(outcomes):
     """Sentences on what does not hold for all cases."""
     broken = [o for o in outcomes if o.end == "broken"]
-    memory = max(o.memory for o in outcomes)
+    memory = max(o.peak_memory_mb for o in outcomes)
     out = []
     if broken:
-        first = broken[0].words.strip().splitlines()[-1]
-        out.append(f"{len(broken)} cases of damaged input broke, first {broken[0].number}: {first}")
-    if memory > MOST_MEMORY:
-        out.append(f"damaged input took {memory:.0f} MB, goal {MOST_MEMORY} MB")
+        first = broken[0].message.strip().splitlines()[-1]
+        out.append(
+            f"{len(broken)} cases of damaged input broke, first {broken[0].case_number}: {first}"
+        )
+    if memory > MAX_MEMORY_MB:
+        out.append(f"damaged input took {memory:.0f} MB, goal {MAX_MEMORY_MB} MB")
     return out

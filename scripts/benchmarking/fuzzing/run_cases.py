@@ -26,50 +26,64 @@ import numpy as np
 
 import decode
 import gate
-from benchmarking.fuzzing import hostile_messages, random_configs, small_recordings
-from benchmarking.fuzzing.byte_damage import DAMAGES
-from calib.io import config, parquet_tables, pose_block, safe_yaml, stage_cli, table_schemas
-from calib.io.logs import open_log
+from benchmarking.fuzzing.byte_damage import BYTE_DAMAGES
+from benchmarking.fuzzing.hostile_messages import make_hostile_messages
+from benchmarking.fuzzing.random_configs import draw_config_files
+from benchmarking.fuzzing.small_recordings import (
+    FUZZ_CONTAINERS,
+    SENSOR_GROUPS,
+    fuzz_decode_options,
+    make_fuzz_messages,
+    write_fuzz_log,
+)
+from calib.io.config import default_config_blocks, load_config
+from calib.io.logs.open_log import open_log
+from calib.io.parquet_tables import read_table
+from calib.io.pose_block import pose_from_config
+from calib.io.safe_yaml import load_yaml
+from calib.io.stage_cli import read_json
 from calib.io.status import InputError
-from calib.sensors import sensor_models
-from calib.sensors.camera.images import image_messages
-from calib.sensors.lidar.clouds import cloud_layout, cloud_messages
-from calib.targets import target_shapes
+from calib.io.table_schemas import FRAMES_SCHEMA
+from calib.sensors.camera.images.image_messages import read_bgr
+from calib.sensors.lidar.clouds import cloud_messages
+from calib.sensors.lidar.clouds.cloud_layout import CloudLayout
+from calib.sensors.sensor_models import sensor_model_from_config
+from calib.targets.target_shapes import target_from_config
 
-MOST_SECONDS = 20  # of one case, which takes some 50 ms
-LONGEST = 2000  # characters of a line that refuses
-CHUNK = 50  # cases of one task
-ENDS = ("result", "warning", "refused", "broken")
-OUTPUTS = ("mocap", "frames", "audit")
-GATE = {"pose_sigma": {"xyz_m": 2e-4, "rpy_deg": 0.02}, "max_gap_s": 0.05}
+MAX_CASE_SECONDS = 20  # of one case, which takes some 50 ms
+MAX_ERROR_CHARACTERS = 2000  # characters of a line that refuses
+N_CASES_PER_TASK = 50  # cases of one task
+CASE_ENDS = ("result", "warning", "refused", "broken")
+DECODE_OUTPUTS = ("mocap", "frames", "audit")
+GATE_MOCAP = {"pose_sigma": {"xyz_m": 2e-4, "rpy_deg": 0.02}, "max_gap_s": 0.05}
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FuzzOutcome:
     """Of a case: its kind and number, how it ended, in which words, and its seconds; and the peak
     memory of the process up to then, MB."""
 
     kind: str
-    number: int
+    case_number: int
     end: str
-    words: str
+    message: str
     seconds: float
-    memory: float
+    peak_memory_mb: float
 
 
-class Late(BaseException):
+class CaseTimeoutError(BaseException):
     """A case that takes too long: no `except Exception` may take it for a fault of the input."""
 
 
 @contextlib.contextmanager
-def at_most(seconds):
+def limit_time(max_seconds):
     """Raises Late instead of hanging."""
 
     def late(number, frame):
-        raise Late(f"not done after {seconds} s")
+        raise CaseTimeoutError(f"not done after {max_seconds} s")
 
     before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(seconds)
+    signal.alarm(max_seconds)
     try:
         yield
     finally:
@@ -80,140 +94,165 @@ def at_most(seconds):
 # --- cases: (folder, generator) -> words on what is wrong; they raise what they raise
 
 
-def damaged_config(folder, rng):
+def run_damaged_config(folder, rng):
     """A config that is loaded, and all that stages build of it."""
-    for name, content in random_configs.files(rng).items():
+    for name, content in draw_config_files(rng).items():
         path = folder / "config" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-    stated = safe_yaml.load(folder / "config/config.yaml")
-    settings, rigs, bodies = config.load(stated, folder / "config")
+    stated = load_yaml(folder / "config/config.yaml")
+    settings, rigs, bodies = load_config(stated, folder / "config")
     json.dumps([settings, rigs, bodies], sort_keys=True, allow_nan=False)
     for name in rigs:
         for block in rigs[name]["sensors"].values():
             if "T_robot_sensor" in block:
-                pose_block.pose(block["T_robot_sensor"])
+                pose_from_config(block["T_robot_sensor"])
             if "camera_info" not in block:
-                sensor_models.model(block)
+                sensor_model_from_config(block)
     for body in bodies.values():
-        pose_block.pose(body["T_body_target"])
-        target_shapes.from_config(body)
+        pose_from_config(body["T_body_target"])
+        target_from_config(body)
     return ""
 
 
-def damaged_log(folder, rng):
+def run_damaged_log(folder, rng):
     """A good log in any container, some bytes of which are wrong or missing."""
-    names = small_recordings.RECORDED[rng.integers(len(small_recordings.RECORDED))]
-    container = list(small_recordings.CONTAINERS)[rng.integers(len(small_recordings.CONTAINERS))]
-    path = small_recordings.write(container, folder / "log", small_recordings.rows(names))
-    path.write_bytes(DAMAGES[rng.integers(len(DAMAGES))](bytearray(path.read_bytes()), rng))
-    return taken_in(folder, str(path), small_recordings.options(names))
+    names = SENSOR_GROUPS[rng.integers(len(SENSOR_GROUPS))]
+    container = list(FUZZ_CONTAINERS)[rng.integers(len(FUZZ_CONTAINERS))]
+    path = write_fuzz_log(container, folder / "log", make_fuzz_messages(names))
+    path.write_bytes(
+        BYTE_DAMAGES[rng.integers(len(BYTE_DAMAGES))](bytearray(path.read_bytes()), rng)
+    )
+    return decode_and_reread(folder, str(path), fuzz_decode_options(names))
 
 
-def hostile_log(folder, rng):
+def run_hostile_log(folder, rng):
     """A log in any container whose messages say what no driver means."""
-    names = small_recordings.RECORDED[rng.integers(len(small_recordings.RECORDED))]
+    names = SENSOR_GROUPS[rng.integers(len(SENSOR_GROUPS))]
     # The bag's writer knows no log time out of order, and fewer types.
-    container = rng.choice([c for c in small_recordings.CONTAINERS if not c.startswith("bag")])
-    path = small_recordings.write(container, folder / "log", hostile_messages.messages(names, rng))
-    return taken_in(folder, str(path), small_recordings.options(names))
+    container = rng.choice([c for c in FUZZ_CONTAINERS if not c.startswith("bag")])
+    path = write_fuzz_log(container, folder / "log", make_hostile_messages(names, rng))
+    return decode_and_reread(folder, str(path), fuzz_decode_options(names))
 
 
-KINDS = {"damaged log": damaged_log, "hostile log": hostile_log, "config": damaged_config}
+CASE_KINDS = {
+    "damaged log": run_damaged_log,
+    "hostile log": run_hostile_log,
+    "config": run_damaged_config,
+}
 
 
-def taken_in(folder, log, options):
+def decode_and_reread(folder, log, options):
     """What decode, gate and crop's reading take from a log, in words where something is wrong."""
-    out = {k: folder / "out" / k for k in OUTPUTS}
+    out = {k: folder / "out" / k for k in DECODE_OUTPUTS}
     arguments = [w for k, path in out.items() for w in (f"--{k}", str(path))]
     try:
         decode.main([*arguments, "--options", json.dumps(options | {"log": log})])
     finally:
         left = sorted(p.name for p in (folder / "out").glob("*"))
-        assert left in ([], sorted(OUTPUTS)), f"files left: {left}"
-    audit = stage_cli.read_json(out["audit"])
-    _gate(folder, out)
-    again = _again(log, parquet_tables.read(out["frames"], table_schemas.FRAMES)[0], options, audit)
+        assert left in ([], sorted(DECODE_OUTPUTS)), f"files left: {left}"
+    audit = read_json(out["audit"])
+    _run_gate(folder, out)
+    again = _reread_messages(log, read_table(out["frames"], FRAMES_SCHEMA)[0], options, audit)
     bad = [a["status"] for k in ("bodies", "sensors") for a in audit[k].values()]
     return "; ".join([*audit["faults"], *(s["reason"] for s in bad if not s["ok"]), *again])
 
 
-def _gate(folder, out):
+def _run_gate(folder, output_paths):
     target = folder / "out" / "placements"
-    about = {"gate": config.defaults()["gate"], "body": "robot", "targets": {"board": "board"}}
-    files = ["--mocap", str(out["mocap"]), "--audit", str(out["audit"]), "--output", str(target)]
-    gate.main([*files, "--options", json.dumps(about | {"mocap": GATE})])
+    about = {
+        "gate": default_config_blocks()["gate"],
+        "body": "robot",
+        "targets": {"board": "board"},
+    }
+    files = [
+        "--mocap",
+        str(output_paths["mocap"]),
+        "--audit",
+        str(output_paths["audit"]),
+        "--output",
+        str(target),
+    ]
+    gate.main([*files, "--options", json.dumps(about | {"mocap": GATE_MOCAP})])
 
 
-def _again(log, frames, options, audit):
+def _reread_messages(log, frames, options, audit):
     """Faults of messages that are read once more, as crop reads them."""
-    opened, found = open_log.open_log(log), []
+    opened, found = open_log(log), []
     for name, block in options["sensors"].items():
         if not audit["sensors"][name]["status"]["ok"]:
             continue
-        read = _reader(block, audit["sensors"][name])
+        read = _message_reader(block, audit["sensors"][name])
         for i in np.flatnonzero(frames["sensor"] == name):
-            place = (int(frames[k][i]) for k in ("file", "log_t", "ordinal"))
+            place = (int(frames[k][i]) for k in ("file_index", "log_time_ns", "index_at_log_time"))
             try:
-                read(opened.message(block["topic"], *place))
+                read(opened.read_message_content(block["topic"], *place))
             except InputError as error:
                 found.append(str(error))
     return found
 
 
-def _reader(block, heard):
+def _message_reader(block, sensor_audit):
     """How crop reads the messages of a sensor (of its audit) whose lens may not be known."""
     if block["kind"] == "camera":
-        return image_messages.bgr
-    layout = cloud_layout.Layout.from_dict(heard["layout"])
-    return lambda message: cloud_messages.points(message, layout)
+        return read_bgr
+    layout = CloudLayout.from_dict(sensor_audit["layout"])
+    return lambda message: cloud_messages.read_points(message, layout)
 
 
 # --- and their ends
 
 
-def outcome(number, seed):
+def run_fuzz_case(case_number, seed):
     """The Outcome of the case of a number; the same for the same seed."""
-    kind = list(KINDS)[number % len(KINDS)]
-    rng, begin = np.random.default_rng([seed, number]), time.perf_counter()
+    kind = list(CASE_KINDS)[case_number % len(CASE_KINDS)]
+    rng, begin = np.random.default_rng([seed, case_number]), time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
-        end, words = _ended(KINDS[kind], Path(folder), rng)
+        end, words = _run_until_end(CASE_KINDS[kind], Path(folder), rng)
         words = words.replace(folder, "")
-    return Outcome(kind, number, end, words, time.perf_counter() - begin, peak())
+    return FuzzOutcome(
+        kind, case_number, end, words, time.perf_counter() - begin, read_peak_memory()
+    )
 
 
-def peak():
+def read_peak_memory():
     """Peak memory of this process, MB; getrusage would tell a larger one of its parent."""
     told = Path("/proc/self/status").read_text()
     return int(re.search(r"VmHWM:\s+(\d+) kB", told)[1]) / 1024
 
 
-def _ended(case, folder, rng):
+def _run_until_end(run_case, folder, rng):
     """(end, words) of a case."""
     try:
-        with at_most(MOST_SECONDS):
-            words = case(folder, rng)
+        with limit_time(MAX_CASE_SECONDS):
+            words = run_case(folder, rng)
     except InputError as error:
         words = str(error)
-        clear = words.strip() and len(words) <= LONGEST and "Traceback" not in words
-        return ("refused", words) if clear else ("broken", f"no clear line: {words[:LONGEST]}")
-    except (Exception, Late):
+        clear = words.strip() and len(words) <= MAX_ERROR_CHARACTERS and "Traceback" not in words
+        return (
+            ("refused", words)
+            if clear
+            else ("broken", f"no clear line: {words[:MAX_ERROR_CHARACTERS]}")
+        )
+    except (Exception, CaseTimeoutError):
         return "broken", traceback.format_exc()
     return ("warning" if words else "result"), words
 
 
-def outcomes(numbers, seed):
+def run_fuzz_batch(case_numbers, seed):
     """Outcomes of cases in this process, quietly."""
     logging.disable(logging.CRITICAL)
     try:
-        return [outcome(number, seed) for number in numbers]
+        return [run_fuzz_case(number, seed) for number in case_numbers]
     finally:
         logging.disable(logging.NOTSET)
 
 
-def everything(count, seed, cores):
+def run_fuzz_campaign(n_cases, seed, n_cores):
     """Outcomes of so many cases, shared out among processes; the same for any number."""
     os.environ["OMP_NUM_THREADS"] = "1"
-    spans = [range(i, min(i + CHUNK, count)) for i in range(0, count, CHUNK)]
-    with ProcessPoolExecutor(cores, get_context("spawn")) as pool:
-        return [o for part in pool.map(outcomes, spans, [seed] * len(spans)) for o in part]
+    spans = [
+        range(i, min(i + N_CASES_PER_TASK, n_cases)) for i in range(0, n_cases, N_CASES_PER_TASK)
+    ]
+    with ProcessPoolExecutor(n_cores, get_context("spawn")) as pool:
+        return [o for part in pool.map(run_fuzz_batch, spans, [seed] * len(spans)) for o in part]

@@ -10,25 +10,37 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import Stores, get_typestore
 
-from calib.geometry import se3
-from calib.sensors.camera.images import image_messages
+from calib.geometry.se3 import make_pose, pose_to_quat, se3_exp
+from calib.sensors.camera.images.image_messages import encode_png
 from simulation import ros_log
+from simulation.ros_log import (
+    CLOUD_TYPE,
+    COMPRESSED_IMAGE_TYPE,
+    IMAGE_TYPE,
+    LASER_SCAN_TYPE,
+    LIVOX_TYPE,
+    NUMPY_TO_POINT_FIELD,
+    TF_TYPE,
+    convert_to_ros1,
+    make_tf_message,
+    write_rosbags_log,
+)
 
-BEGIN, STEP = 1_700_000_000_000_000_000, 10_000_000  # ns
-STORE, STORE1 = ros_log.STORE, get_typestore(Stores.ROS1_NOETIC)
-POSES = 16
+FUZZ_START_NS, POSE_PERIOD_NS = 1_700_000_000_000_000_000, 10_000_000  # ns
+ROS2_TYPES, ROS1_TYPES = ros_log.ROS2_TYPES, get_typestore(Stores.ROS1_NOETIC)
+N_POSES = 16
 CHUNK_BYTES = 4000
-POSE = "geometry_msgs/msg/PoseStamped"
+POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 # What is recorded together, for a log of everything would take twice as long to read.
-RECORDED = (("camera", "lidar"), ("compressed", "livox"), ("scanner",))
-SENSORS = {
+SENSOR_GROUPS = (("camera", "lidar"), ("compressed", "livox"), ("scanner",))
+FUZZ_SENSORS = {
     "camera": {"kind": "camera", "topic": "/image", "camera_info": "/camera_info"},
     "compressed": {"kind": "camera", "topic": "/compressed"},
     "lidar": {"kind": "lidar", "topic": "/points"},
     "livox": {"kind": "lidar", "topic": "/livox"},
     "scanner": {"kind": "lidar", "topic": "/scan"},
 }
-OPTIONS = {
+COMMON_DECODE_OPTIONS = {
     "mocap": {"topics": {"/tf": None, "/pose": "cart"}, "map": "world", "max_gap_s": 0.05},
     "bodies": ["board", "cart", "robot"],
     "fingerprint": [],
@@ -37,186 +49,199 @@ OPTIONS = {
 }
 
 
-def _make(name, /, **fields):
-    return STORE.types[name](**fields)
+def _make_message(name, /, **fields):
+    return ROS2_TYPES.types[name](**fields)
 
 
-def _header(t, frame):
-    stamp = _make("builtin_interfaces/msg/Time", sec=t // 10**9, nanosec=t % 10**9)
-    return _make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+def _make_header(t, frame):
+    stamp = _make_message("builtin_interfaces/msg/Time", sec=t // 10**9, nanosec=t % 10**9)
+    return _make_message("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
-def _pose(t, T):
-    (x, y, z), q = T[:3, 3].tolist(), se3.to_quat(T).tolist()
-    pose = _make(
+def _pose_message(t, T):
+    (x, y, z), q = T[:3, 3].tolist(), pose_to_quat(T).tolist()
+    pose = _make_message(
         "geometry_msgs/msg/Pose",
-        position=_make("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        orientation=_make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", q, strict=True))),
+        position=_make_message("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=_make_message(
+            "geometry_msgs/msg/Quaternion", **dict(zip("xyzw", q, strict=True))
+        ),
     )
-    return _make(POSE, header=_header(t, "world"), pose=pose)
+    return _make_message(POSE_TYPE, header=_make_header(t, "world"), pose=pose)
 
 
-def _pixels():
+def _image_pixels():
     return np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
 
 
-def _image(t):
+def _image_message(t):
     about = {"height": 4, "width": 4, "encoding": "bgr8", "is_bigendian": 0, "step": 12}
-    return _make(ros_log.IMAGE, header=_header(t, "lens"), **about, data=_pixels().reshape(-1))
+    return _make_message(
+        IMAGE_TYPE, header=_make_header(t, "lens"), **about, data=_image_pixels().reshape(-1)
+    )
 
 
-def _compressed(t):
-    data = np.frombuffer(image_messages.to_png(_pixels()), np.uint8)
-    return _make(ros_log.COMPRESSED, header=_header(t, "lens"), format="png", data=data)
+def _compressed_image_message(t):
+    data = np.frombuffer(encode_png(_image_pixels()), np.uint8)
+    return _make_message(
+        COMPRESSED_IMAGE_TYPE, header=_make_header(t, "lens"), format="png", data=data
+    )
 
 
-def _info(t):
+def _camera_info_message(t):
     numbers = {"d": np.zeros(5), "k": np.eye(3).ravel(), "r": np.eye(3).ravel(), "p": np.eye(3, 4)}
     numbers["k"][[0, 4]] = numbers["p"].reshape(-1)[[0, 5]] = 5.0
     region = dict.fromkeys(("x_offset", "y_offset", "height", "width"), 0)
-    return _make(
-        ros_log.INFO, header=_header(t, "lens"), height=4, width=4, distortion_model="plumb_bob",
+    return _make_message(
+        ros_log.CAMERA_INFO_TYPE, header=_make_header(t, "lens"), height=4, width=4, distortion_model="plumb_bob",
         binning_x=0, binning_y=0, **{k: v.ravel() for k, v in numbers.items()},
-        roi=_make("sensor_msgs/msg/RegionOfInterest", **region, do_rectify=False),
+        roi=_make_message("sensor_msgs/msg/RegionOfInterest", **region, do_rectify=False),
     )  # fmt: skip
 
 
-def _cloud(t):
+def _cloud_message(t):
     layout = np.dtype([("x", "f4"), ("y", "f4"), ("z", "f4"), ("ring", "u2"), ("time", "f4")])
     points = np.zeros(6, layout)
     points["x"], points["ring"], points["time"] = 1 + np.arange(6), range(6), np.arange(6) * 1e-3
     fields = [
-        _make(
+        _make_message(
             "sensor_msgs/msg/PointField", name=k, offset=layout.fields[k][1],
-            datatype=ros_log.NUMPY_TO_FIELD[layout[k].name], count=1,
+            datatype=NUMPY_TO_POINT_FIELD[layout[k].name], count=1,
         )
         for k in layout.names
     ]  # fmt: skip
     shape = {"height": 1, "width": 6, "point_step": layout.itemsize}
     shape["row_step"] = 6 * layout.itemsize
     flags = {"is_bigendian": False, "is_dense": True}
-    about = {"header": _header(t, "lidar"), "fields": fields, "data": points.view(np.uint8)}
-    return _make(ros_log.CLOUD, **about, **shape, **flags)
+    about = {"header": _make_header(t, "lidar"), "fields": fields, "data": points.view(np.uint8)}
+    return _make_message(CLOUD_TYPE, **about, **shape, **flags)
 
 
-def _livox(t):
+def _livox_message(t):
     points = [
-        _make("livox_ros_driver2/msg/CustomPoint", offset_time=i * 1000, x=1.0 + i, y=0.0, z=0.0,
+        _make_message("livox_ros_driver2/msg/CustomPoint", offset_time=i * 1000, x=1.0 + i, y=0.0, z=0.0,
               reflectivity=9, tag=0, line=i)
         for i in range(4)
     ]  # fmt: skip
-    return _make(
-        ros_log.LIVOX, header=_header(t, "livox"), timebase=t, point_num=4, lidar_id=1,
+    return _make_message(
+        LIVOX_TYPE, header=_make_header(t, "livox"), timebase=t, point_num=4, lidar_id=1,
         rsvd=np.zeros(3, np.uint8), points=points,
     )  # fmt: skip
 
 
-def _scan(t):
-    return _make(
-        ros_log.SCAN, header=_header(t, "scanner"), angle_min=-1.0, angle_max=1.0,
+def _laser_scan_message(t):
+    return _make_message(
+        LASER_SCAN_TYPE, header=_make_header(t, "scanner"), angle_min=-1.0, angle_max=1.0,
         angle_increment=0.5, time_increment=1e-4, scan_time=0.1, range_min=0.1, range_max=100.0,
         ranges=np.arange(5, dtype=np.float32), intensities=np.zeros(0, np.float32),
     )  # fmt: skip
 
 
-TOPICS = {
-    "/image": (ros_log.IMAGE, _image),
-    "/compressed": (ros_log.COMPRESSED, _compressed),
-    "/camera_info": (ros_log.INFO, _info),
-    "/points": (ros_log.CLOUD, _cloud),
-    "/livox": (ros_log.LIVOX, _livox),
-    "/scan": (ros_log.SCAN, _scan),
+SENSOR_TOPICS = {
+    "/image": (IMAGE_TYPE, _image_message),
+    "/compressed": (COMPRESSED_IMAGE_TYPE, _compressed_image_message),
+    "/camera_info": (ros_log.CAMERA_INFO_TYPE, _camera_info_message),
+    "/points": (CLOUD_TYPE, _cloud_message),
+    "/livox": (LIVOX_TYPE, _livox_message),
+    "/scan": (LASER_SCAN_TYPE, _laser_scan_message),
 }
 
 
-def options(names):
+def fuzz_decode_options(sensor_names):
     """What decode is given for a log of the sensors so named, but for the log."""
-    return OPTIONS | {"sensors": {name: SENSORS[name] for name in names}}
+    return COMMON_DECODE_OPTIONS | {"sensors": {name: FUZZ_SENSORS[name] for name in sensor_names}}
 
 
 @cache
-def rows(names):
+def make_fuzz_messages(sensor_names):
     """(log time, ns; topic; type; message) of a recording of the sensors so named, by log time."""
     out, wanted = (
         [],
-        {SENSORS[n][k] for n in names for k in ("topic", "camera_info") if k in SENSORS[n]},
+        {
+            FUZZ_SENSORS[n][k]
+            for n in sensor_names
+            for k in ("topic", "camera_info")
+            if k in FUZZ_SENSORS[n]
+        },
     )
-    for i in range(POSES):
-        t = BEGIN + i * STEP
-        T = se3.se3_exp(np.array([0.01 * i, 0, 0, 0, 0, 0.02 * i]))
-        both = {"robot": T, "board": se3.pose(t=[2.0, 0, 1]) @ T}
-        out.append((t, "/tf", ros_log.TF, ros_log.transforms(t, "world", both)))
-        out.append((t + 1, "/pose", POSE, _pose(t, T)))
+    for i in range(N_POSES):
+        t = FUZZ_START_NS + i * POSE_PERIOD_NS
+        T = se3_exp(np.array([0.01 * i, 0, 0, 0, 0, 0.02 * i]))
+        both = {"robot": T, "board": make_pose(t=[2.0, 0, 1]) @ T}
+        out.append((t, "/tf", TF_TYPE, make_tf_message(t, "world", both)))
+        out.append((t + 1, "/pose", POSE_TYPE, _pose_message(t, T)))
         if i % 4 == 0:
             out += [
                 (t + 2 + k, topic, name, make(t))
-                for k, (topic, (name, make)) in enumerate(TOPICS.items())
+                for k, (topic, (name, make)) in enumerate(SENSOR_TOPICS.items())
                 if topic in wanted
             ]
     return out
 
 
-def _mcap(path, rows, **options):
+def _write_mcap(path, messages, **options):
     with path.open("wb") as stream:
         writer = Writer(stream, **({"chunk_size": CHUNK_BYTES} | options))
         writer.start(profile="ros2", library="benchmark")
         schemas, channels = {}, {}
-        for log_t, topic, name, message in rows:
+        for log_t, topic, name, message in messages:
             if name not in schemas:
-                text = STORE.generate_msgdef(name, ros_version=2)[0].encode()
+                text = ROS2_TYPES.generate_msgdef(name, ros_version=2)[0].encode()
                 schemas[name] = writer.register_schema(name, "ros2msg", text)
             if topic not in channels:
                 channels[topic] = writer.register_channel(topic, "cdr", schemas[name])
-            data = bytes(STORE.serialize_cdr(message, name))
+            data = bytes(ROS2_TYPES.serialize_cdr(message, name))
             writer.add_message(channels[topic], log_t, data, log_t)
         writer.finish()
     return path
 
 
-def _rosbag2(folder, rows, plugin, compression=None):
+def _write_rosbag2(folder, messages, plugin, compression=None):
     writer = Rosbag2Writer(folder / "bag", version=9, storage_plugin=plugin)
     if compression:
         writer.set_compression(compression, CompressionFormat.ZSTD)
-    ros_log.record(writer, rows, STORE, lambda name, m: bytes(STORE.serialize_cdr(m, name)))
+    write_rosbags_log(
+        writer, messages, ROS2_TYPES, lambda name, m: bytes(ROS2_TYPES.serialize_cdr(m, name))
+    )
     (path,) = (p for p in (folder / "bag").iterdir() if p.name != "metadata.yaml")
     return path
 
 
-def _bag(path, rows, compression=None):
+def _write_ros1_bag(path, messages, compression=None):
     writer = BagWriter(path)
     writer.chunk_threshold = CHUNK_BYTES
     if compression:
         writer.set_compression(compression)
-    known = [row for row in rows if row[2] in STORE1.types]
-    ros_log.record(writer, known, STORE1, _ros1)
+    known = [row for row in messages if row[2] in ROS1_TYPES.types]
+    write_rosbags_log(writer, known, ROS1_TYPES, _serialize_ros1)
     return path
 
 
-def _ros1(name, message):
-    return bytes(STORE1.serialize_ros1(ros_log.of_ros1(message, STORE1), name))
+def _serialize_ros1(name, message):
+    return bytes(ROS1_TYPES.serialize_ros1(convert_to_ros1(message, ROS1_TYPES), name))
 
 
-Format = BagWriter.CompressionFormat
+BagCompression = BagWriter.CompressionFormat
 # Each writes rows below a folder and gives the file that holds them.
-CONTAINERS = {
-    "mcap, zstd": lambda f, rows: _mcap(f / "a.mcap", rows, compression=CompressionType.ZSTD),
-    "mcap, lz4": lambda f, rows: _mcap(f / "a.mcap", rows, compression=CompressionType.LZ4),
-    "mcap, none": lambda f, rows: _mcap(f / "a.mcap", rows, compression=CompressionType.NONE),
-    "mcap, no chunks": lambda f, rows: _mcap(f / "a.mcap", rows, use_chunking=False),
-    "mcap, whole in zstd": lambda f, rows: _rosbag2(
+FUZZ_CONTAINERS = {
+    "mcap, zstd": lambda f, rows: _write_mcap(f / "a.mcap", rows, compression=CompressionType.ZSTD),
+    "mcap, lz4": lambda f, rows: _write_mcap(f / "a.mcap", rows, compression=CompressionType.LZ4),
+    "mcap, none": lambda f, rows: _write_mcap(f / "a.mcap", rows, compression=CompressionType.NONE),
+    "mcap, no chunks": lambda f, rows: _write_mcap(f / "a.mcap", rows, use_chunking=False),
+    "mcap, whole in zstd": lambda f, rows: _write_rosbag2(
         f, rows, StoragePlugin.MCAP, CompressionMode.FILE
     ),
-    "sqlite": lambda f, rows: _rosbag2(f, rows, StoragePlugin.SQLITE3),
-    "sqlite, messages in zstd": lambda f, rows: _rosbag2(
+    "sqlite": lambda f, rows: _write_rosbag2(f, rows, StoragePlugin.SQLITE3),
+    "sqlite, messages in zstd": lambda f, rows: _write_rosbag2(
         f, rows, StoragePlugin.SQLITE3, CompressionMode.MESSAGE
     ),
-    "bag": lambda f, rows: _bag(f / "a.bag", rows),
-    "bag, bz2": lambda f, rows: _bag(f / "a.bag", rows, Format.BZ2),
-    "bag, lz4": lambda f, rows: _bag(f / "a.bag", rows, Format.LZ4),
+    "bag": lambda f, rows: _write_ros1_bag(f / "a.bag", rows),
+    "bag, bz2": lambda f, rows: _write_ros1_bag(f / "a.bag", rows, BagCompression.BZ2),
+    "bag, lz4": lambda f, rows: _write_ros1_bag(f / "a.bag", rows, BagCompression.LZ4),
 }
 
 
-def write(container, folder, rows):
+def write_fuzz_log(container, folder, messages):
     """The file that holds rows in a container, below an empty folder."""
     Path(folder).mkdir(parents=True, exist_ok=True)
-    return CONTAINERS[container](Path(folder), rows)
+    return FUZZ_CONTAINERS[container](Path(folder), messages)

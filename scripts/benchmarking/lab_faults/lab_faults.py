@@ -5,77 +5,94 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarking.accuracy import error_metrics
-from calib.geometry import se3
+from benchmarking.accuracy.error_metrics import compute_nees, compute_pose_error, sigma_mm_deg
+from calib.geometry.se3 import invert_pose, se3_log
 
-LAB = (
+LAB_ARGUMENTS = (
     "--rig sim --placements 12 --hold-s 0.8 --move-s 0.7 --sector-deg 80 --camera-hz 5 "
     "--range-noise-m 0.005 --image-noise 1.8 --blur-px 0.7 --mcs-noise-m 0.0001 "
     "--mcs-noise-deg 0.01 --mcs-bias-m 0.00005 --mcs-bias-deg 0.005"
 )
-LENS = 1.005  # focal length as the config states it, over the true one
-LATE = "--mcs-late-s 0.025"
-MOUNT = "--mount-m 0.006 --mount-deg 1"
-BEAMS = "--beam-bias-m 0.01"
-CLEAN, ALL = "none", "all"
-FAULTS = {  # title, more arguments of simulate.py, whether the lens is stated wrong
-    CLEAN: ("none", "", False),
-    "clock": ("MCS stamps 25 ms late", LATE, False),
+FOCAL_LENGTH_FACTOR = 1.005  # focal length as the config states it, over the true one
+TIME_OFFSET_ARGUMENTS = "--mcs-late-s 0.025"
+MOUNT_ARGUMENTS = "--mount-m 0.006 --mount-deg 1"
+BEAM_BIAS_ARGUMENTS = "--beam-bias-m 0.01"
+NO_FAULT, ALL_FAULTS = "none", "all"
+LAB_FAULTS = {  # title, more arguments of simulate.py, whether the lens is stated wrong
+    NO_FAULT: ("none", "", False),
+    "clock": ("MCS stamps 25 ms late", TIME_OFFSET_ARGUMENTS, False),
     "clock far": ("MCS stamps 200 ms late", "--mcs-late-s 0.2", False),
-    "drift": ("MCS stamps 25 ms late, growing by 200 ppm", f"{LATE} --mcs-drift-ppm 200", False),
-    "mount": ("targets 6 mm and 1° from where they are said to be", MOUNT, False),
-    "clock and mount": ("MCS stamps 25 ms late, targets 6 mm and 1° off", f"{LATE} {MOUNT}", False),
+    "drift": (
+        "MCS stamps 25 ms late, growing by 200 ppm",
+        f"{TIME_OFFSET_ARGUMENTS} --mcs-drift-ppm 200",
+        False,
+    ),
+    "mount": ("targets 6 mm and 1° from where they are said to be", MOUNT_ARGUMENTS, False),
+    "clock and mount": (
+        "MCS stamps 25 ms late, targets 6 mm and 1° off",
+        f"{TIME_OFFSET_ARGUMENTS} {MOUNT_ARGUMENTS}",
+        False,
+    ),
     "lens": ("focal length stated 0.5 % too long", "", True),
-    "beams": ("beams of the lidar off by 10 mm, one by one", BEAMS, False),
-    ALL: ("clock, mount, lens and beams", f"{LATE} {MOUNT} {BEAMS}", True),
+    "beams": ("beams of the lidar off by 10 mm, one by one", BEAM_BIAS_ARGUMENTS, False),
+    ALL_FAULTS: (
+        "clock, mount, lens and beams",
+        f"{TIME_OFFSET_ARGUMENTS} {MOUNT_ARGUMENTS} {BEAM_BIAS_ARGUMENTS}",
+        True,
+    ),
 }
-QUICK = (CLEAN, ALL)
-OFF = {"time_offset": False, "target_alignment": False, "intrinsics": False, "beams": False}
+QUICK_FAULTS = (NO_FAULT, ALL_FAULTS)
+DISABLED_ESTIMATES = {
+    "time_offset": False,
+    "target_alignment": False,
+    "intrinsics": False,
+    "beams": False,
+}
 
 
 @dataclass(frozen=True)
-class Outcome:
+class LabOutcome:
     """What came of one log: errors {sensor: (mm, deg)} and σ likewise, nees {sensor: over 6}; what
     was found {quantity: (error, σ)} of the faults, in ms, ppm, mm, deg, px; verdict, and its
     first reason."""
 
     errors: dict
     sigma: dict
-    nees: dict
-    found: dict
+    nees_ratio: dict
+    fault_errors: dict
     verdict: str
-    reason: str
+    first_finding: str
 
 
-def folder(fault, seed):
+def lab_log_name(fault, seed):
     """Of a simulated log."""
     return f"lab-{fault.replace(' ', '-')}-s{seed}"
 
 
-def simulations(faults, seeds):
+def plan_lab_simulations(faults, seeds):
     """{folder: arguments of simulate.py}."""
     return {
-        folder(fault, seed): f"{LAB} --seed {seed} {FAULTS[fault][1]}".split()
+        lab_log_name(fault, seed): f"{LAB_ARGUMENTS} --seed {seed} {LAB_FAULTS[fault][1]}".split()
         for fault in faults
         for seed in seeds
     }
 
 
-def estimate(fault, on):
+def lab_estimate_options(fault, has_options_on):
     """Block solve.estimate of a fault's config, with all that it asks for on, or all off."""
-    return {"intrinsics": FAULTS[fault][2]} if on else OFF
+    return {"intrinsics": LAB_FAULTS[fault][2]} if has_options_on else DISABLED_ESTIMATES
 
 
-def stated(fault, rig):
+def make_lab_rig(fault, rig_config):
     """The simulated rig's config, without the truth, as the fault's lab states it."""
-    sensors = {n: dict(s) for n, s in rig["sensors"].items()}
-    if FAULTS[fault][2]:
+    sensors = {n: dict(s) for n, s in rig_config["sensors"].items()}
+    if LAB_FAULTS[fault][2]:
         fx, fy, *rest = sensors["camera"]["params"]
-        sensors["camera"]["params"] = [LENS * fx, LENS * fy, *rest]
-    return {k: v for k, v in rig.items() if k != "truth"} | {"sensors": sensors}
+        sensors["camera"]["params"] = [FOCAL_LENGTH_FACTOR * fx, FOCAL_LENGTH_FACTOR * fy, *rest]
+    return {k: v for k, v in rig_config.items() if k != "truth"} | {"sensors": sensors}
 
 
-def outcome(results, log):
+def read_lab_outcome(results, log):
     """The Outcome of results/<rig> of a log's folder."""
     truth = json.loads((log / "truth.json").read_text())
     calibration = json.loads((results / "calibration.json").read_text())
@@ -85,22 +102,25 @@ def outcome(results, log):
         n: [np.array(x["T_robot_sensor"]["matrix"]) for x in (truth["sensors"][n], s)]
         for n, s in solved.items()
     }
-    return Outcome(
-        errors={n: error_metrics.error(*T) for n, T in poses.items()},
-        sigma={n: error_metrics.spread(np.array(s["covariance"])) for n, s in solved.items()},
-        nees={
-            n: error_metrics.nees(*poses[n], np.array(s["covariance"])) / 6
-            for n, s in solved.items()
+    return LabOutcome(
+        errors={n: compute_pose_error(*T) for n, T in poses.items()},
+        sigma={n: sigma_mm_deg(np.array(s["covariance"])) for n, s in solved.items()},
+        nees_ratio={
+            n: compute_nees(*poses[n], np.array(s["covariance"])) / 6 for n, s in solved.items()
         },
-        found=dict(_clocks(solved, truth) + _mounts(calibration, truth) + _lenses(solved, truth)),
+        fault_errors=dict(
+            _clock_errors(solved, truth)
+            + _mount_errors(calibration, truth)
+            + _lens_errors(solved, truth)
+        ),
         verdict=calibration["verdict"],
-        reason=reasons[0]["text"] if reasons else "",
+        first_finding=reasons[0]["text"] if reasons else "",
     )
 
 
-def _clocks(solved, truth):
+def _clock_errors(solved_sensors, truth):
     late, ppm, out = truth["time_offset_s"], truth["time_drift_ppm"], []
-    for name, sensor in solved.items():
+    for name, sensor in solved_sensors.items():
         for session in (sensor["time_wander"] or {}).values():
             drift = session["drift_ppm"]
             out.append((f"drift of {name}, ppm", (drift["value"] - ppm, drift["sigma"])))
@@ -112,14 +132,12 @@ def _clocks(solved, truth):
     return out
 
 
-def _mounts(calibration, truth):
+def _mount_errors(calibration, truth):
     out = []
     for name, found in sorted(calibration["targets"].items()):
         if found:
             T = np.array(truth["targets"][name]["T_body_target"]["matrix"])
-            off = se3.se3_log(se3.inverse(T) @ np.array(found["T_body_target"]["matrix"])).reshape(
-                2, 3
-            )
+            off = se3_log(invert_pose(T) @ np.array(found["T_body_target"]["matrix"])).reshape(2, 3)
             sigma = np.sqrt(np.diag(found["covariance"])).reshape(2, 3)
             if name == "cylinder":  # about its own axis nothing tells it, and nothing needs it
                 off[1, 0] = sigma[1, 0] = 0.0
@@ -129,9 +147,9 @@ def _mounts(calibration, truth):
     return out
 
 
-def _lenses(solved, truth):
+def _lens_errors(solved_sensors, truth):
     out = []
-    for name, sensor in solved.items():
+    for name, sensor in solved_sensors.items():
         if sensor["intrinsics"]:
             known = truth["cameras"][name]["params"][:4]
             params, sigma = (sensor["intrinsics"][k][:4] for k in ("params", "sigma"))

@@ -2,55 +2,67 @@
 
 import numpy as np
 
-from benchmarking.lab_faults import lab_faults
-from benchmarking.page.markdown import Section, both, digits, ratio, table
+from benchmarking.lab_faults.lab_faults import LAB_FAULTS, NO_FAULT
+from benchmarking.page.markdown import (
+    PageSection,
+    format_goal_ratio,
+    format_markdown_table,
+    format_mm_deg,
+    format_two_digits,
+)
 
-HEAD = ("fault", "error", "over clean", "σ reported over clean", "NEES/6", "verdict")
-FOUND = ("fault", "quantity", "rms error", "σ reported", "goal")
-OFF = ("fault", "error", "over clean", "verdict", "first reason")
-COST = 1.2  # times the error of the clean log that a fault may leave
-GOALS = {"ms": 0.5, "mm": 0.5, "°": 0.05}  # design's, of offsets and mounts
-FAR_GOAL = 1.0  # ms, of an offset of 200 ms
+FAULT_COLUMNS = ("fault", "error", "over clean", "σ reported over clean", "NEES/6", "verdict")
+QUANTITY_COLUMNS = ("fault", "quantity", "rms error", "σ reported", "goal")
+DISABLED_COLUMNS = ("fault", "error", "over clean", "verdict", "first reason")
+MAX_ERROR_RATIO = 1.2  # times the error of the clean log that a fault may leave
+QUANTITY_GOALS = {"ms": 0.5, "mm": 0.5, "°": 0.05}  # design's, of offsets and mounts
+LARGE_OFFSET_GOAL_MS = 1.0  # ms, of an offset of 200 ms
 
 
-def section(outcomes):
+def build_lab_section(outcomes):
     """The Section on {(fault, on): [lab.Outcome] of its logs}."""
     faults = list(dict.fromkeys(fault for fault, _ in outcomes))
     count = len(next(iter(outcomes.values())))
     parts = {
         "logs": f"{count} log{'s' * (count > 1)}",
-        "on": table(HEAD, [_row(outcomes, fault) for fault in faults]),
-        "found": table(FOUND, [row for fault in faults for row in _found(outcomes, fault)]),
-        "off": table(OFF, [_off(outcomes, fault) for fault in faults]),
-        "cost": COST,
+        "on": format_markdown_table(
+            FAULT_COLUMNS, [_fault_row(outcomes, fault) for fault in faults]
+        ),
+        "found": format_markdown_table(
+            QUANTITY_COLUMNS, [row for fault in faults for row in _quantity_rows(outcomes, fault)]
+        ),
+        "off": format_markdown_table(
+            DISABLED_COLUMNS, [_disabled_row(outcomes, fault) for fault in faults]
+        ),
+        "cost": MAX_ERROR_RATIO,
     }
-    missed = [s for fault in faults for s in short_of(outcomes, fault)]
-    return Section("What labs get wrong", TEXT.format(**parts), missed)
+    missed = [s for fault in faults for s in check_lab_goals(outcomes, fault)]
+    return PageSection("What labs get wrong", LAB_TEMPLATE.format(**parts), missed)
 
 
-def rms(outcomes, what):
+def compute_lab_rms(outcomes, field_name):
     """(mm, deg) over all sensors and logs of what = errors or sigma."""
-    values = np.array([v for o in outcomes for v in getattr(o, what).values()])
+    values = np.array([v for o in outcomes for v in getattr(o, field_name).values()])
     return tuple(np.sqrt(np.mean(values**2, axis=0)))
 
 
-def _row(outcomes, fault):
-    own, clean = outcomes[fault, True], outcomes[lab_faults.CLEAN, True]
+def _fault_row(outcomes, fault):
+    own, clean = outcomes[fault, True], outcomes[NO_FAULT, True]
     return [
-        lab_faults.FAULTS[fault][0],
-        both(rms(own, "errors")),
-        ratio(rms(own, "errors"), rms(clean, "errors")),
-        ratio(rms(own, "sigma"), rms(clean, "sigma")),
-        digits(np.mean([v for o in own for v in o.nees.values()])),
-        _verdicts(own),
+        LAB_FAULTS[fault][0],
+        format_mm_deg(compute_lab_rms(own, "errors")),
+        format_goal_ratio(compute_lab_rms(own, "errors"), compute_lab_rms(clean, "errors")),
+        format_goal_ratio(compute_lab_rms(own, "sigma"), compute_lab_rms(clean, "sigma")),
+        format_two_digits(np.mean([v for o in own for v in o.nees.values()])),
+        _join_verdicts(own),
     ]
 
 
-def _verdicts(outcomes):
+def _join_verdicts(outcomes):
     return ", ".join(sorted({o.verdict for o in outcomes}))
 
 
-def quantities(outcomes):
+def compute_quantity_rms(outcomes):
     """{quantity: (rms error, rms σ)} over the logs of a fault."""
     names = sorted({q for o in outcomes for q in o.found})
     return {
@@ -61,49 +73,59 @@ def quantities(outcomes):
     }
 
 
-def goal(fault, quantity):
+def find_quantity_goal(fault, quantity):
     """The goal of a quantity, in its own unit, or None."""
     unit = quantity.rsplit(", ", 1)[1]
-    return FAR_GOAL if (fault, unit) == ("clock far", "ms") else GOALS.get(unit)
+    return (
+        LARGE_OFFSET_GOAL_MS if (fault, unit) == ("clock far", "ms") else QUANTITY_GOALS.get(unit)
+    )
 
 
-def _found(outcomes, fault):
+def _quantity_rows(outcomes, fault):
     return [
-        [lab_faults.FAULTS[fault][0], q, digits(error), digits(sigma), digits(goal(fault, q))]
-        for q, (error, sigma) in quantities(outcomes[fault, True]).items()
+        [
+            LAB_FAULTS[fault][0],
+            q,
+            format_two_digits(error),
+            format_two_digits(sigma),
+            format_two_digits(find_quantity_goal(fault, q)),
+        ]
+        for q, (error, sigma) in compute_quantity_rms(outcomes[fault, True]).items()
     ]
 
 
-def _off(outcomes, fault):
-    own, clean = outcomes[fault, False], outcomes[lab_faults.CLEAN, False]
+def _disabled_row(outcomes, fault):
+    own, clean = outcomes[fault, False], outcomes[NO_FAULT, False]
     return [
-        lab_faults.FAULTS[fault][0],
-        both(rms(own, "errors")),
-        ratio(rms(own, "errors"), rms(clean, "errors")),
-        _verdicts(own),
+        LAB_FAULTS[fault][0],
+        format_mm_deg(compute_lab_rms(own, "errors")),
+        format_goal_ratio(compute_lab_rms(own, "errors"), compute_lab_rms(clean, "errors")),
+        _join_verdicts(own),
         own[0].reason.replace("|", "/") or "–",
     ]
 
 
-def short_of(outcomes, fault):
+def check_lab_goals(outcomes, fault):
     """Sentences on what one fault leaves beyond the goals."""
-    title, out = lab_faults.FAULTS[fault][0], []
-    own, clean = outcomes[fault, True], outcomes[lab_faults.CLEAN, True]
-    over = np.divide(rms(own, "errors"), rms(clean, "errors"))
-    if over.max() > COST:
+    title, out = LAB_FAULTS[fault][0], []
+    own, clean = outcomes[fault, True], outcomes[NO_FAULT, True]
+    over = np.divide(compute_lab_rms(own, "errors"), compute_lab_rms(clean, "errors"))
+    if over.max() > MAX_ERROR_RATIO:
         out.append(
-            f"{title}: errors are {digits(over.max())} × those of the clean log, goal {COST}"
+            f"{title}: errors are {format_two_digits(over.max())} × those of the clean log, goal {MAX_ERROR_RATIO}"
         )
-    for q, (error, _) in quantities(own).items():
-        if goal(fault, q) and not error <= goal(fault, q):
-            out.append(f"{title}: {q}: {digits(error)}, goal {digits(goal(fault, q))}")
+    for q, (error, _) in compute_quantity_rms(own).items():
+        if find_quantity_goal(fault, q) and not error <= find_quantity_goal(fault, q):
+            out.append(
+                f"{title}: {q}: {format_two_digits(error)}, goal {format_two_digits(find_quantity_goal(fault, q))}"
+            )
     quiet = [o for o in outcomes[fault, False] if o.verdict == "pass"]
-    if fault != lab_faults.CLEAN and quiet:
+    if fault != NO_FAULT and quiet:
         out.append(f"{title}: with the options off {len(quiet)} of the logs pass")
     return out
 
 
-TEXT = """{logs} per line of a lidar and a camera, a board and a cylinder, 12 placements, through
+LAB_TEMPLATE = """{logs} per line of a lidar and a camera, a board and a cylinder, 12 placements, through
 the whole pipeline, with the noise of a laboratory. The same seed makes the same rig, noise and
 placements, so that a line differs from the first by its fault alone.
 

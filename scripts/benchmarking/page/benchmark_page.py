@@ -2,107 +2,153 @@
 
 import numpy as np
 
-from benchmarking.accuracy import error_metrics
-from benchmarking.accuracy.accuracy_cases import DEFAULT, ENSEMBLE, HELD, NOT_MEASURED, SINGLE
-from benchmarking.decode_cost import process_cost
-from benchmarking.page import statistics_tables
-from benchmarking.page.markdown import both, digits, over, ratio, table
+from benchmarking.accuracy.accuracy_cases import (
+    COVERAGE_GOAL,
+    DEFAULT_METHOD,
+    MAX_RMS_RATIO,
+    MAX_SINGLE_RATIO,
+    UNMEASURED_GOALS,
+)
+from benchmarking.accuracy.error_metrics import find_accuracy_goal
+from benchmarking.decode_cost.process_cost import describe_machine
+from benchmarking.page.markdown import (
+    check_error_goal,
+    format_goal_ratio,
+    format_markdown_table,
+    format_mm_deg,
+    format_two_digits,
+)
+from benchmarking.page.statistics_tables import (
+    check_draw_goals,
+    format_coverage_table,
+    format_draw_table,
+    format_full_run_table,
+)
 
-COLUMNS = ("case", "N", "method", "error", "σ reported", "reference", "goal", "error / goal")
-COLUMNS += ("paper", "C++")
+ACCURACY_COLUMNS = (
+    "case",
+    "N",
+    "method",
+    "error",
+    "σ reported",
+    "reference",
+    "goal",
+    "error / goal",
+)
+ACCURACY_COLUMNS += ("paper", "C++")
 SPEED_GOALS = {"wall": 14.0, "solve": 1.0, "memory": 600}  # s, s, MB
-RAW_GOAL = 1.5  # time of decode over that of mcap's own reader
+MAX_CPU_RATIO = 1.5  # time of decode over that of mcap's own reader
 
 
-def accuracy(lines):
+def format_accuracy_table(lines):
     """The accuracy table of Lines."""
-    return table(COLUMNS, [accuracy_row(line) for line in lines])
+    return format_markdown_table(ACCURACY_COLUMNS, [format_accuracy_row(line) for line in lines])
 
 
-def accuracy_row(line):
-    row, held = line.row, line.method == DEFAULT and line.row.exact
-    goal = error_metrics.goal(row, line.n, line) if held else None
+def format_accuracy_row(line):
+    row, held = line.row, line.method == DEFAULT_METHOD and line.row.is_noise_free
+    goal = find_accuracy_goal(row, line.n_placements, line) if held else None
     return [
         row.title,
-        str(line.n),
+        str(line.n_placements),
         line.method,
-        both(line.error),
-        both(line.sigma),
-        "no noise" if row.exact else both(line.reference),
-        both(goal),
-        ratio(line.error, goal) if held else "–",
-        both(row.paper.get(line.n)),
-        both(row.cpp.get(line.method, {}).get(line.n)),
+        format_mm_deg(line.error),
+        format_mm_deg(line.sigma),
+        "no noise" if row.is_noise_free else format_mm_deg(line.reference),
+        format_mm_deg(goal),
+        format_goal_ratio(line.error, goal) if held else "–",
+        format_mm_deg(row.paper_errors.get(line.n_placements)),
+        format_mm_deg(row.cpp_errors.get(line.method, {}).get(line.n_placements)),
     ]
 
 
-def short_of(line):
+def check_line_goals(line):
     """Sentences on what a line does not reach; only the default method is held to the goals, and
     one log alone only where its data carry no noise."""
-    if line.method != DEFAULT:
+    if line.method != DEFAULT_METHOD:
         return []
-    where = f"{line.row.title}, N = {line.n}"
-    out = [f"{where}: a log without a pose: {reason}" for reason in line.lost]
-    if line.row.exact and line.logs:
-        out += over(where, line.error, error_metrics.goal(line.row, line.n, line))
+    where = f"{line.row.title}, N = {line.n_placements}"
+    out = [f"{where}: a log without a pose: {reason}" for reason in line.failure_reasons]
+    if line.row.is_noise_free and line.n_logs:
+        out += check_error_goal(
+            where, line.error, find_accuracy_goal(line.row, line.n_placements, line)
+        )
     return out
 
 
-def speed(run):
+def format_cost_table(run_speed):
     """The cost table of a cost.Speed."""
     rows = [
-        [stage, str(c.jobs), f"{c.wall:.1f}", f"{c.cpu:.1f}", str(c.memory)]
-        for stage, c in run.costs.items()
+        [stage, str(c.n_jobs), f"{c.wall_s:.1f}", f"{c.cpu_s:.1f}", str(c.peak_memory_mb)]
+        for stage, c in run_speed.stage_costs.items()
     ]
-    sums = [sum(getattr(c, k) for c in run.costs.values()) for k in ("jobs", "wall", "cpu")]
-    most = str(max((c.memory for c in run.costs.values()), default=0))
+    sums = [
+        sum(getattr(c, k) for c in run_speed.stage_costs.values())
+        for k in ("n_jobs", "wall_s", "cpu_s")
+    ]
+    most = str(max((c.peak_memory_mb for c in run_speed.stage_costs.values()), default=0))
     rows.append(["all", str(sums[0]), f"{sums[1]:.1f}", f"{sums[2]:.1f}", most])
     head = ("stage", "jobs", "wall, s", "CPU, s", "largest memory of a job, MB")
-    return table(head, rows)
+    return format_markdown_table(head, rows)
 
 
-def slow(run):
+def check_speed_goals(run_speed):
     """Sentences on what the speed row does not reach, and on how it differs from the goal's."""
     out = []
-    most = max((c.memory for c in run.costs.values()), default=0)
-    solve = getattr(run.costs.get("solve"), "wall", np.nan)
+    most = max((c.peak_memory_mb for c in run_speed.stage_costs.values()), default=0)
+    solve = getattr(run_speed.stage_costs.get("solve"), "wall_s", np.nan)
     figures = (
-        ("log to solution.json", run.wall, SPEED_GOALS["wall"], "s"),
+        ("log to solution.json", run_speed.wall_s, SPEED_GOALS["wall"], "s"),
         ("solve", solve, SPEED_GOALS["solve"], "s"),
         ("the largest job", most, SPEED_GOALS["memory"], "MB"),
-        ("CPU time of decode over that of mcap's own reader", over_raw(run), RAW_GOAL, ""),
+        (
+            "CPU time of decode over that of mcap's own reader",
+            decode_cpu_ratio(run_speed),
+            MAX_CPU_RATIO,
+            "",
+        ),
     )
     for what, got, goal, unit in figures:
         if not got <= goal:
             out.append(
-                f"{what}: {digits(got)} {unit}".rstrip() + f", goal {goal:g} {unit}".rstrip()
+                f"{what}: {format_two_digits(got)} {unit}".rstrip()
+                + f", goal {goal:g} {unit}".rstrip()
             )
     return out
 
 
-def missed(lines, run, found, sections):
-    """Everything that is not reached, one sentence each, as a Markdown list; found: (draws,
+def format_missed_goals(lines, run_speed, draw_results, sections):
+    """Everything that is not reached, one sentence each, as a Markdown list; draw_results: (draws,
     coverage, full runs) as many.short_of takes them; sections: [Section]."""
-    sentences = [s for line in lines for s in short_of(line)] + statistics_tables.short_of(*found)
-    sentences += slow(run) + [s for section in sections for s in section.missed]
-    sentences += list(NOT_MEASURED)
+    sentences = [s for line in lines for s in check_line_goals(line)] + check_draw_goals(
+        *draw_results
+    )
+    sentences += check_speed_goals(run_speed) + [
+        s for section in sections for s in section.missed_goals
+    ]
+    sentences += list(UNMEASURED_GOALS)
     return "\n".join(f"* {s}." for s in sentences)
 
 
-def pixels(lines):
+def format_pixel_table(lines):
     """The table of how far corners and contour points lie from the truth."""
     goals = {"diamond-camera": "0.005"}
     head = ("case", "N", "rms error per axis, px", "goal, px")
-    found = [line for line in lines if line.method == DEFAULT and np.isfinite(line.pixels)]
-    return table(
+    found = [
+        line for line in lines if line.method == DEFAULT_METHOD and np.isfinite(line.pixel_error_px)
+    ]
+    return format_markdown_table(
         head,
-        [[x.row.title, str(x.n), digits(x.pixels), goals.get(x.row.key, "–")] for x in found],
+        [
+            [x.row.title, str(x.n), format_two_digits(x.pixels), goals.get(x.row.key, "–")]
+            for x in found
+        ],
     )
 
 
-def memory(run):
+def describe_decode_memory(run_speed):
     """A sentence on the memory of decode over the size of the log."""
-    known = sorted(m for m in run.memory if np.isfinite(m[1]))
+    known = sorted(m for m in run_speed.decode_memory_mb if np.isfinite(m[1]))
     if not known:
         return ""
     (small, at_small), (large, at_large) = known[0], known[-1]
@@ -112,45 +158,45 @@ def memory(run):
     )
 
 
-def over_raw(run):
+def decode_cpu_ratio(run_speed):
     """CPU time of decode over that of mcap's own reader."""
-    return getattr(run.costs.get("decode"), "cpu", np.nan) / run.raw
+    return getattr(run_speed.stage_costs.get("decode"), "cpu_s", np.nan) / run_speed.raw_cpu_s
 
 
-def decoding(run):
+def describe_decode_cost(run_speed):
     """A sentence on decode against mcap's own reader."""
     return (
-        f"mcap's own reader takes {digits(run.raw)} s CPU to hand out the same messages undecoded; "
-        f"decode, start of Python included, {digits(over_raw(run))} × that, goal {RAW_GOAL} ×."
+        f"mcap's own reader takes {format_two_digits(run_speed.raw_cpu_s)} s CPU to hand out the same messages undecoded; "
+        f"decode, start of Python included, {format_two_digits(decode_cpu_ratio(run_speed))} × that, goal {MAX_CPU_RATIO} ×."
     )
 
 
-def whole(lines, run, found, sections, quick):
-    """The page; found: (draws, coverage, full runs); sections: [Section] after those; quick: only
+def render_benchmark_page(lines, run_speed, draw_results, sections, is_quick):
+    """The page; draw_results: (draws, coverage, full runs); sections: [Section] after those; is_quick: only
     the smallest N."""
     parts = {
-        "command": "make benchmark-quick" if quick else "make benchmark",
-        "machine": process_cost.machine(),
-        "accuracy": accuracy(lines),
-        "drawn": statistics_tables.drawn(found[0]),
-        "covered": statistics_tables.covered(found[1]),
-        "full": statistics_tables.full(found[2]),
-        "held": " to ".join(f"{100 * h:g}" for h in HELD),
-        "missed": missed(lines, run, found, sections),
+        "command": "make benchmark-quick" if is_quick else "make benchmark",
+        "machine": describe_machine(),
+        "accuracy": format_accuracy_table(lines),
+        "drawn": format_draw_table(draw_results[0]),
+        "covered": format_coverage_table(draw_results[1]),
+        "full": format_full_run_table(draw_results[2]),
+        "held": " to ".join(f"{100 * h:g}" for h in COVERAGE_GOAL),
+        "missed": format_missed_goals(lines, run_speed, draw_results, sections),
         "sections": "\n\n".join(f"## {s.title}\n\n{s.text}" for s in sections),
-        "pixels": pixels(lines),
-        "about": run.about,
-        "speed": speed(run),
-        "wall": digits(run.wall),
-        "decoding": decoding(run),
-        "memory": memory(run),
-        "ensemble": ENSEMBLE,
-        "single": SINGLE,
+        "pixels": format_pixel_table(lines),
+        "about": run_speed.description,
+        "speed": format_cost_table(run_speed),
+        "wall": format_two_digits(run_speed.wall_s),
+        "decoding": describe_decode_cost(run_speed),
+        "memory": describe_decode_memory(run_speed),
+        "ensemble": MAX_RMS_RATIO,
+        "single": MAX_SINGLE_RATIO,
     }
-    return PAGE.format(**parts)
+    return PAGE_TEMPLATE.format(**parts)
 
 
-PAGE = """# Benchmark
+PAGE_TEMPLATE = """# Benchmark
 
 `{command}` made this page from logs that `scripts/simulate.py` writes, one per line: a VLP-16
 at 10 Hz, a pinhole camera of 900 × 700 px, MCS at 100 Hz, a second at rest per placement. No job of

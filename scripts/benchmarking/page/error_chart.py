@@ -8,11 +8,11 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from benchmarking.accuracy.accuracy_cases import DEFAULT
-from benchmarking.accuracy.error_metrics import goal
+from benchmarking.accuracy.accuracy_cases import DEFAULT_METHOD
+from benchmarking.accuracy.error_metrics import find_accuracy_goal
 
-SIZE = (9.0, 6.4)  # inch
-MARKS = {  # marker, colour, size
+FIGURE_SIZE_INCH = (9.0, 6.4)  # inch
+CHART_MARKERS = {  # marker, colour, size
     "surface": ("o", "#1f6fd6", 38),
     "points": ("s", "#d9820f", 26),
     "points, corners": ("^", "#1f9d63", 28),
@@ -22,55 +22,58 @@ MARKS = {  # marker, colour, size
     "C++ points, corners": ("v", "#8f4fc4", 24),
     "C++": ("D", "#c9a0ee", 18),
 }
-FLOOR = (1e-6, 1e-7)  # mm, deg: below it an error is drawn at the edge
+MIN_DRAWN_ERROR = (1e-6, 1e-7)  # mm, deg: below it an error is drawn at the edge
 
 
-def marks(line, drawn):
-    """{what: (mm, deg)} that one line puts into the figure; drawn: {(key, N): Statistics} of many
+def collect_chart_marks(line, draw_statistics):
+    """{what: (mm, deg)} that one line puts into the figure; draw_statistics: {(key, N): Statistics} of many
     draws of the noise, which say more than the error of one log."""
     out = {line.method: line.error}
-    if line.method == DEFAULT:
-        many = drawn.get((line.row.key, line.n))
-        out["goal"] = goal(line.row, line.n, many or line)
-        out[DEFAULT] = many.rms if many else line.error
-        out["paper"] = line.row.paper.get(line.n)
-    cpp = line.row.cpp.get(line.method, {}).get(line.n)
-    out["C++" if line.method == DEFAULT else f"C++ {line.method}"] = cpp
+    if line.method == DEFAULT_METHOD:
+        many = draw_statistics.get((line.row.key, line.n_placements))
+        out["goal"] = find_accuracy_goal(line.row, line.n_placements, many or line)
+        out[DEFAULT_METHOD] = many.rms_error if many else line.error
+        out["paper"] = line.row.paper_errors.get(line.n_placements)
+    cpp = line.row.cpp_errors.get(line.method, {}).get(line.n_placements)
+    out["C++" if line.method == DEFAULT_METHOD else f"C++ {line.method}"] = cpp
     return {k: v for k, v in out.items() if v is not None and np.all(np.isfinite(v))}
 
 
-def figure(lines, drawn):
+def draw_error_chart(lines, draw_statistics):
     """Millimetres on the left, degrees on the right, one row per case and N."""
     matplotlib.rcdefaults()
     matplotlib.rcParams.update({"svg.fonttype": "none", "font.size": 8})
-    rows = list(dict.fromkeys((line.row.key, line.n) for line in lines))
-    fig = Figure(SIZE, facecolor="white")
+    rows = list(dict.fromkeys((line.row.key, line.n_placements) for line in lines))
+    fig = Figure(FIGURE_SIZE_INCH, facecolor="white")
     axes = fig.subplots(1, 2, sharey=True)
     for i, (ax, unit) in enumerate(zip(axes, ("mm", "deg"), strict=True)):
         for line in lines:
-            for what, value in marks(line, drawn).items():
-                marker, color, size = MARKS[what]
-                y = rows.index((line.row.key, line.n))
-                x = max(value[i], FLOOR[i])
+            for what, value in collect_chart_marks(line, draw_statistics).items():
+                marker, color, size = CHART_MARKERS[what]
+                y = rows.index((line.row.key, line.n_placements))
+                x = max(value[i], MIN_DRAWN_ERROR[i])
                 ax.scatter(x, y, size, color, marker=marker, linewidths=1.4, zorder=3)
         ax.set(xscale="log", xlabel=f"error, {unit}", ylim=(len(rows) - 0.5, -0.5))
         ax.grid(color="#dddddd", linewidth=0.6)
     axes[0].set_yticks(range(len(rows)), [f"{k.replace('-', ', ')}, N = {n}" for k, n in rows])
-    legend(fig)
+    draw_chart_legend(fig)
     fig.subplots_adjust(left=0.21, right=0.985, top=0.92, bottom=0.075, wspace=0.05)
     return fig
 
 
-def legend(fig):
+def draw_chart_legend(fig):
     """One entry per mark, above the axes."""
-    shown = [k for k in MARKS if k != "C++"]
-    handles = [Line2D([], [], ls="", marker=MARKS[k][0], color=MARKS[k][1], ms=5.5) for k in shown]
+    shown = [k for k in CHART_MARKERS if k != "C++"]
+    handles = [
+        Line2D([], [], ls="", marker=CHART_MARKERS[k][0], color=CHART_MARKERS[k][1], ms=5.5)
+        for k in shown
+    ]
     fig.legend(handles, shown, loc="upper center", ncols=len(shown), frameon=False)
 
 
-def svg(lines, drawn):
+def render_error_chart_svg(lines, draw_statistics):
     """The figure as SVG, the same bytes for the same figures."""
-    fig, buffer = figure(lines, drawn), io.StringIO()
+    fig, buffer = draw_error_chart(lines, draw_statistics), io.StringIO()
     matplotlib.rcParams["svg.hashsalt"] = "benchmark"
     FigureCanvasSVG(fig).print_svg(buffer, metadata={"Date": None})
     return buffer.getvalue().encode()

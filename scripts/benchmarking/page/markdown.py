@@ -4,55 +4,57 @@ from typing import NamedTuple
 
 import numpy as np
 
-UNITS = (" mm", "°")
+ERROR_UNITS = (" mm", "°")
 
 
-class Section(NamedTuple):
+class PageSection(NamedTuple):
     """A part of the page: its title, its Markdown, and sentences on what it does not reach."""
 
     title: str
     text: str
-    missed: list
+    missed_goals: list
 
 
-def digits(x):
+def format_two_digits(value):
     """x to two significant digits, without an exponent; a dash for nothing."""
-    if x is None or not np.isfinite(x):
+    if value is None or not np.isfinite(value):
         return "–"
-    return np.format_float_positional(x, precision=2, fractional=False, trim="-")
+    return np.format_float_positional(value, precision=2, fractional=False, trim="-")
 
 
-def both(figure):
+def format_mm_deg(error_mm_deg):
     """(mm, deg) as text."""
-    if figure is None or not np.all(np.isfinite(figure)):
+    if error_mm_deg is None or not np.all(np.isfinite(error_mm_deg)):
         return "–"
-    return " ".join(digits(x) + unit for x, unit in zip(figure, UNITS, strict=True))
+    return " ".join(
+        format_two_digits(x) + unit for x, unit in zip(error_mm_deg, ERROR_UNITS, strict=True)
+    )
 
 
-def table(head, rows):
+def format_markdown_table(head, rows):
     """A Markdown table of texts."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def ratio(error, goal):
+def format_goal_ratio(error, goal):
     """error / goal of (mm, deg) as text."""
     both_known = np.all(np.isfinite([error, goal]))
-    return " ".join(digits(x) for x in np.divide(error, goal)) if both_known else "–"
+    return " ".join(format_two_digits(x) for x in np.divide(error, goal)) if both_known else "–"
 
 
-def percent(share):
+def format_share_percent(share):
     """A share as text, in percent."""
     return f"{100 * share:.3g} %"
 
 
-def over(where, got, goal, own=""):
-    """Sentences on what of `got` (mm, deg) is above the goal (mm, deg); own: what that goal is."""
+def check_error_goal(case_label, error, goal, goal_note=""):
+    """Sentences on what of `got` (mm, deg) is above the goal (mm, deg); goal_note: what that goal is."""
     out = []
-    for value, most, unit in zip(got, goal, UNITS, strict=True):
+    for value, most, unit in zip(error, goal, ERROR_UNITS, strict=True):
         if not value <= most:
             out.append(
-                f"{where}: {digits(value)}{unit} is {digits(value / most)} × the goal, "
-                f"{digits(most)}{unit}{own}"
+                f"{case_label}: {format_two_digits(value)}{unit} is {format_two_digits(value / most)} × the goal, "
+                f"{format_two_digits(most)}{unit}{goal_note}"
             )
     return out

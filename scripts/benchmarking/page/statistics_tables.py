@@ -2,129 +2,182 @@
 
 from scipy.stats import binom
 
-from benchmarking.accuracy.accuracy_cases import ENSEMBLE, HELD, ROWS, SINGLE
-from benchmarking.accuracy.draw_statistics import LEVEL, band
-from benchmarking.accuracy.error_metrics import goal
-from benchmarking.page.markdown import both, digits, over, percent, ratio, table
+from benchmarking.accuracy.accuracy_cases import (
+    ACCURACY_ROWS,
+    COVERAGE_GOAL,
+    MAX_RMS_RATIO,
+    MAX_SINGLE_RATIO,
+)
+from benchmarking.accuracy.draw_statistics import CONFIDENCE_LEVEL, compute_nees_band
+from benchmarking.accuracy.error_metrics import find_accuracy_goal
+from benchmarking.page.markdown import (
+    check_error_goal,
+    format_goal_ratio,
+    format_markdown_table,
+    format_mm_deg,
+    format_share_percent,
+    format_two_digits,
+)
 
-DRAWN = ("case", "N", "draws", "RMS error", "reference", "without outlines", "RMS / reference")
-DRAWN += ("goal", "RMS / goal", f"above {SINGLE:g} ×", "NEES/6 [band]", "of their mean")
-DRAWN += ("95 % ellipsoids hold",)
-COVERED = ("case", "draws", "sensor", "NEES over its degrees of freedom [band]", "held")
-FULL = ("sensor", "runs", "RMS error", "σ reported", "NEES/6 [band]", "held")
+DRAW_COLUMNS = (
+    "case",
+    "N",
+    "draws",
+    "RMS error",
+    "reference",
+    "without outlines",
+    "RMS / reference",
+)
+DRAW_COLUMNS += (
+    "goal",
+    "RMS / goal",
+    f"above {MAX_SINGLE_RATIO:g} ×",
+    "NEES/6 [band]",
+    "of their mean",
+)
+DRAW_COLUMNS += ("95 % ellipsoids hold",)
+COVERAGE_COLUMNS = ("case", "draws", "sensor", "NEES over its degrees of freedom [band]", "held")
+FULL_RUN_COLUMNS = ("sensor", "runs", "RMS error", "σ reported", "NEES/6 [band]", "held")
 
 
-def in_order(found):
+def order_by_row(draw_statistics):
     """[(row, N, Statistics)] of {(key, N): Statistics}, in the order of the rows."""
     return [
-        (row, n, found[row.key, n]) for row in ROWS for n in row.counts if (row.key, n) in found
+        (row, n, draw_statistics[row.key, n])
+        for row in ACCURACY_ROWS
+        for n in row.placement_counts
+        if (row.key, n) in draw_statistics
     ]
 
 
-def drawn(found):
+def format_draw_table(draw_statistics):
     """The table of {(key, N): Statistics}."""
-    return table(DRAWN, [_drawn_row(*item) for item in in_order(found)])
+    return format_markdown_table(
+        DRAW_COLUMNS, [_format_draw_row(*item) for item in order_by_row(draw_statistics)]
+    )
 
 
-def _drawn_row(row, n, s):
-    most = goal(row, n, s)
+def _format_draw_row(row, n_placements, statistics):
+    most = find_accuracy_goal(row, n_placements, statistics)
     return [
         row.title,
-        str(n),
-        str(s.count) + (f" of {s.count + s.lost}" if s.lost else ""),
-        both(s.rms),
-        both(s.reference),
-        both(s.bare),
-        ratio(s.rms, s.reference),
-        both(most),
-        ratio(s.rms, most),
-        f"{percent(s.beyond)} ({percent(s.usual)})",
-        with_band(s.nees, s.count),
-        digits(s.shift),
-        percent(s.held),
+        str(n_placements),
+        str(statistics.n_results)
+        + (f" of {statistics.n_results + statistics.n_failures}" if statistics.n_failures else ""),
+        format_mm_deg(statistics.rms_error),
+        format_mm_deg(statistics.reference),
+        format_mm_deg(statistics.reference_without_outlines),
+        format_goal_ratio(statistics.rms_error, statistics.reference),
+        format_mm_deg(most),
+        format_goal_ratio(statistics.rms_error, most),
+        f"{format_share_percent(statistics.outlier_share)} ({format_share_percent(statistics.gaussian_outlier_share)})",
+        format_nees_band(statistics.mean_nees, statistics.n_results),
+        format_two_digits(statistics.mean_error_nees),
+        format_share_percent(statistics.share_covered),
     ]
 
 
-def with_band(nees, count, size=6):
+def format_nees_band(nees, n_draws, n_dof=6):
     """A mean of NEES over its degrees of freedom, with the band of honest ones, as text."""
-    low, high = band(count, size)
-    return f"{digits(nees)} [{digits(low)}, {digits(high)}]"
+    low, high = compute_nees_band(n_draws, n_dof)
+    return f"{format_two_digits(nees)} [{format_two_digits(low)}, {format_two_digits(high)}]"
 
 
-def covered(found):
+def format_coverage_table(coverage_results):
     """The table of Coverages."""
-    return table(
-        COVERED,
+    return format_markdown_table(
+        COVERAGE_COLUMNS,
         [
             [
                 c.title,
-                str(c.count),
+                str(c.n_draws),
                 name,
-                with_band(c.nees[name], c.count, size),
-                percent(c.held[name]),
+                format_nees_band(c.mean_nees[name], c.n_draws, size),
+                format_share_percent(c.share_covered[name]),
             ]
-            for c in found
-            for name, size in c.size.items()
+            for c in coverage_results
+            for name, size in c.n_dof.items()
         ],
     )
 
 
-def full(found):
+def format_full_run_table(run_statistics):
     """The table of {sensor: Statistics} of full runs, whose reference is σ as reported."""
-    return table(
-        FULL,
+    return format_markdown_table(
+        FULL_RUN_COLUMNS,
         [
-            [name, str(s.count), both(s.rms), both(s.reference), with_band(s.nees, s.count)]
-            + [percent(s.held)]
-            for name, s in sorted(found.items())
+            [
+                name,
+                str(s.n_results),
+                format_mm_deg(s.rms_error),
+                format_mm_deg(s.reference),
+                format_nees_band(s.mean_nees, s.n_results),
+            ]
+            + [format_share_percent(s.share_covered)]
+            for name, s in sorted(run_statistics.items())
         ],
     )
 
 
-def short_of(found, coverages, runs):
+def check_draw_goals(draw_statistics, coverages, run_statistics):
     """Sentences on what the three tables do not reach."""
-    out = [s for item in in_order(found) for s in _short(*item)]
+    out = [s for item in order_by_row(draw_statistics) for s in _check_row_goals(*item)]
     for c in coverages:
-        for name, size in c.size.items():
+        for name, size in c.n_dof.items():
             where = f"observations as modelled, {c.title}, {name}"
-            out += dishonest(where, c.nees[name], c.count, size)
-            low, high = held_band(c.count)
-            if not low <= c.held[name] <= high:
-                ends = f"{percent(low)} to {percent(high)}"
-                out.append(f"{where}: ellipsoids hold {percent(c.held[name])}, goal {ends}")
-    for name, s in sorted(runs.items()):
+            out += check_nees_band(where, c.mean_nees[name], c.n_draws, size)
+            low, high = compute_coverage_band(c.n_draws)
+            if not low <= c.share_covered[name] <= high:
+                ends = f"{format_share_percent(low)} to {format_share_percent(high)}"
+                out.append(
+                    f"{where}: ellipsoids hold {format_share_percent(c.share_covered[name])}, goal {ends}"
+                )
+    for name, s in sorted(run_statistics.items()):
         where = f"full runs, {name}"
-        out += lost(where, s) + dishonest(where, s.nees, s.count)
+        out += describe_failed_draws(where, s) + check_nees_band(where, s.mean_nees, s.n_results)
     return out
 
 
-def held_band(count):
+def compute_coverage_band(n_draws):
     """HELD, or where that is wider, as with few draws, what chance does to an honest share."""
-    low, high = binom.ppf([(1 - LEVEL) / 2, (1 + LEVEL) / 2], count, LEVEL) / count
-    return min(HELD[0], low), max(HELD[1], high)
-
-
-def _short(row, n, s):
-    where = f"{row.title}, N = {n}, {s.count} draws"
-    own = "" if row.goal else f" ({ENSEMBLE} × the reference)"
-    out = lost(where, s) + over(where, s.rms, goal(row, n, s), own)
-    if row.goal is None and s.beyond > 0:
-        out.append(
-            f"{where}: {percent(s.beyond)} err by more than {SINGLE:g} × the reference, one by "
-            f"{digits(s.worst)} ×; of an efficient estimator {percent(s.usual)} would"
+    low, high = (
+        binom.ppf(
+            [(1 - CONFIDENCE_LEVEL) / 2, (1 + CONFIDENCE_LEVEL) / 2], n_draws, CONFIDENCE_LEVEL
         )
-    return out + dishonest(where, s.nees, s.count)
+        / n_draws
+    )
+    return min(COVERAGE_GOAL[0], low), max(COVERAGE_GOAL[1], high)
 
 
-def lost(where, s):
+def _check_row_goals(row, n_placements, statistics):
+    where = f"{row.title}, N = {n_placements}, {statistics.n_results} draws"
+    own = "" if row.goals else f" ({MAX_RMS_RATIO} × the reference)"
+    out = describe_failed_draws(where, statistics) + check_error_goal(
+        where, statistics.rms_error, find_accuracy_goal(row, n_placements, statistics), own
+    )
+    if row.goals is None and statistics.outlier_share > 0:
+        out.append(
+            f"{where}: {format_share_percent(statistics.outlier_share)} err by more than {MAX_SINGLE_RATIO:g} × the reference, one by "
+            f"{format_two_digits(statistics.worst_error_ratio)} ×; of an efficient estimator {format_share_percent(statistics.gaussian_outlier_share)} would"
+        )
+    return out + check_nees_band(where, statistics.mean_nees, statistics.n_results)
+
+
+def describe_failed_draws(case_label, statistics):
     """A sentence on draws without a pose, if there are any."""
-    return [f"{where}: {s.lost} of {s.count + s.lost} without a pose"] if s.lost else []
+    return (
+        [f"{case_label}: {statistics.lost} of {statistics.count + statistics.lost} without a pose"]
+        if statistics.n_failures
+        else []
+    )
 
 
-def dishonest(where, nees, count, size=6):
+def check_nees_band(case_label, nees, n_draws, n_dof=6):
     """A sentence on a NEES outside its band, if it is."""
-    low, high = band(count, size)
+    low, high = compute_nees_band(n_draws, n_dof)
     if low <= nees <= high:
         return []
-    ends = f"{digits(low)} to {digits(high)}"
-    return [f"{where}: NEES over its degrees of freedom is {digits(nees)}, of an honest σ {ends}"]
+    ends = f"{format_two_digits(low)} to {format_two_digits(high)}"
+    return [
+        f"{case_label}: NEES over its degrees of freedom is {format_two_digits(nees)}, of an honest σ {ends}"
+    ]

@@ -4,83 +4,95 @@ import difflib
 
 import numpy as np
 
-from calib.decoding import decoded_log, sensor_audit
-from calib.io import parquet_tables, table_schemas
-from calib.io.status import OK, failed
-from calib.mocap import body_frame_chains, pose_conventions, pose_faults, swapped_bodies
-from calib.mocap.messages import pose_messages
+from calib.decoding import decoded_log
+from calib.decoding.decoded_log import median_rate_hz, mocap_topics
+from calib.decoding.sensor_audit import missing_topic_status
+from calib.io.parquet_tables import concatenate_columns
+from calib.io.status import OK, failure_status
+from calib.io.table_schemas import MOCAP_SCHEMA
+from calib.mocap.body_frame_chains import bodies_in_map
+from calib.mocap.messages.pose_messages import POSE_READERS
+from calib.mocap.pose_conventions import to_si_xyzw
+from calib.mocap.pose_faults import flag_poses
+from calib.mocap.swapped_bodies import flag_swaps
 
-NS = decoded_log.NS
+NS_PER_S = decoded_log.NS_PER_S
 
 
-def columns(recording, clocks, mocap):
+def build_mocap_columns(recording, clocks, mocap_config):
     """Columns of mocap.parquet: bodies by name, poses in log order, each with its fault; and
     {topic: what was found and done about all of its poses, in words}.
 
-    clocks: of intake.clocks; mocap: block of the rig with map and max_gap_s.
+    clocks: of intake.clocks; mocap_config: block of the rig with map and max_gap_s.
     """
     parts, words = {}, {}
-    for topic, edges in recording.streams.by_topic().items():
-        edges, words[topic] = pose_conventions.standard(edges)
+    for topic, edges in recording.streams.columns_by_topic().items():
+        edges, words[topic] = to_si_xyzw(edges)
         for edge, c in edges.items():
-            timed = c | {"t": clocks[topic].times(c["t"], c["log_t"])}
+            timed = c | {
+                "stamp_ns": clocks[topic].message_times_ns(c["stamp_ns"], c["log_time_ns"])
+            }
             parts.setdefault(edge, []).append(timed)
-    edges = _told_apart({edge: _judged(several) for edge, several in sorted(parts.items())})
-    gap = round(mocap["max_gap_s"] * NS)
+    edges = _flag_swaps_per_parent(
+        {edge: _merge_and_flag(several) for edge, several in sorted(parts.items())}
+    )
+    gap = round(mocap_config["max_gap_s"] * NS_PER_S)
     wanted = recording.streams.bodies
-    found = body_frame_chains.bodies(edges, recording.static, mocap["map"], wanted, gap)
-    named = [{"body": np.full(len(c["t"]), name, object)} | c for name, c in found.items()]
-    return parquet_tables.concatenate(named, table_schemas.MOCAP), words
+    found = bodies_in_map(edges, recording.static_transforms, mocap_config["map"], wanted, gap)
+    named = [{"body": np.full(len(c["stamp_ns"]), name, object)} | c for name, c in found.items()]
+    return concatenate_columns(named, MOCAP_SCHEMA), words
 
 
-def _judged(several):
+def _merge_and_flag(columns_per_topic):
     """Columns of one edge from one or more topics, in log order, each pose with its fault."""
-    joined = several[0]
-    if len(several) > 1:
-        joined = {k: np.concatenate([c[k] for c in several]) for k in several[0]}
-    if (np.diff(joined["log_t"]) < 0).any():
-        order = np.argsort(joined["log_t"], kind="stable")
+    joined = columns_per_topic[0]
+    if len(columns_per_topic) > 1:
+        joined = {
+            k: np.concatenate([c[k] for c in columns_per_topic]) for k in columns_per_topic[0]
+        }
+    if (np.diff(joined["log_time_ns"]) < 0).any():
+        order = np.argsort(joined["log_time_ns"], kind="stable")
         joined = {k: v[order] for k, v in joined.items()}
-    return joined | {"fault": pose_faults.of(joined["t"], joined["xyz"], joined["quat"])}
+    return joined | {"fault": flag_poses(joined["stamp_ns"], joined["xyz"], joined["quat"])}
 
 
-def _told_apart(edges):
+def _flag_swaps_per_parent(edges):
     """The edges, with swapped names named as such among those of one parent."""
     out = {}
     for parent in sorted({parent for parent, _ in edges}):
         tracks = {child: c for (p, child), c in edges.items() if p == parent}
-        out |= {(parent, child): c for child, c in swapped_bodies.named(tracks).items()}
+        out |= {(parent, child): c for child, c in flag_swaps(tracks).items()}
     return out
 
 
-def audit(poses, name, recording, log, mocap):
+def audit_body(poses, name, recording, log, mocap_config):
     """Count, rate, gaps and faults of one body, with a status."""
     rows = poses["body"] == name
     if not rows.any():
-        status = _unseen(name, poses, recording, log, mocap)
+        status = _missing_body_status(name, poses, recording, log, mocap_config)
         return {"status": status.to_dict(), "poses": 0}
     fault = poses["fault"][rows]
-    t = poses["t"][rows][fault == ""]
+    t = poses["stamp_ns"][rows][fault == ""]
     kinds, counts = np.unique(fault[fault != ""], return_counts=True)
     # A body that is not seen at first or at last has a gap there, as long as others are seen.
-    ends = poses["t"][poses["fault"] == ""]
+    ends = poses["stamp_ns"][poses["fault"] == ""]
     gaps = np.diff(np.concatenate([[ends.min()], t, [ends.max()]])) if len(t) else np.zeros(0)
     return {
-        "status": _usable(name, fault).to_dict(),
+        "status": _usable_poses_status(name, fault).to_dict(),
         "poses": int(rows.sum()),
         "faults": dict(zip(kinds.tolist(), counts.tolist(), strict=True)),
-        "rate_hz": decoded_log.rate(t),
-        "longest_gap_s": float(gaps.max(initial=0) / NS),
-        "gaps": int((gaps > mocap["max_gap_s"] * NS).sum()),
+        "rate_hz": median_rate_hz(t),
+        "longest_gap_s": float(gaps.max(initial=0) / NS_PER_S),
+        "gaps": int((gaps > mocap_config["max_gap_s"] * NS_PER_S).sum()),
     }
 
 
-def _usable(name, fault):
+def _usable_poses_status(name, fault):
     """Ok, or what is wrong with every single pose of a body."""
     if (fault == "").any():
         return OK
     kinds, counts = np.unique(fault, return_counts=True)
-    return failed(
+    return failure_status(
         f"MCS body {name} has no pose that can be used",
         ", ".join(f"{n} × {k}" for k, n in zip(kinds, counts, strict=True)),
         "at least one",
@@ -88,26 +100,31 @@ def _usable(name, fault):
     )
 
 
-def _unseen(name, poses, recording, log, mocap):
+def _missing_body_status(name, poses, recording, log, mocap_config):
     """Why a body is not in the map."""
-    topics = decoded_log.topics_of(mocap)
+    topics = mocap_topics(mocap_config)
     known = [t for t in topics if t in log.topics]
     reason = f"MCS body {name} is not in the log"
     if not known:
-        status = sensor_audit.missing(sorted(topics)[0], log.topics, "check `mocap.topics`")
-        return failed(f"{reason}: {status.reason}", status.found, status.expected, status.remedy)
+        status = missing_topic_status(sorted(topics)[0], log.topics, "check `mocap.topics`")
+        return failure_status(
+            f"{reason}: {status.reason}", status.found, status.expected, status.remedy
+        )
     for topic in known:
-        if log.topics[topic][0] not in pose_messages.TYPES:
-            kinds = ", ".join(sorted(pose_messages.TYPES))
+        if log.topics[topic][0] not in POSE_READERS:
+            kinds = ", ".join(sorted(POSE_READERS))
             found = f"{topic} carries {log.topics[topic][0]}"
-            return failed(reason, found, kinds, "Name a topic of motion capture.")
-        if topic in recording.why and recording.unreadable[topic] == log.topics[topic][1]:
-            return failed(reason, recording.why[topic])
-    if parents := sorted(recording.streams.parents.get(name, ())):
-        found = f"it is given in {' and '.join(parents)}, which nothing connects to {mocap['map']}"
-        return failed(reason, found, remedy=f"Set `mocap.map` to {parents[0]}.")
-    seen = sorted({*poses["body"].tolist(), *recording.streams.parents})
+            return failure_status(reason, found, kinds, "Name a topic of motion capture.")
+        if (
+            topic in recording.first_errors
+            and recording.n_unreadable[topic] == log.topics[topic][1]
+        ):
+            return failure_status(reason, recording.first_errors[topic])
+    if parents := sorted(recording.streams.parents_by_body.get(name, ())):
+        found = f"it is given in {' and '.join(parents)}, which nothing connects to {mocap_config['map']}"
+        return failure_status(reason, found, remedy=f"Set `mocap.map` to {parents[0]}.")
+    seen = sorted({*poses["body"].tolist(), *recording.streams.parents_by_body})
     near = difflib.get_close_matches(name, seen, 1)
     remedy = "check `body`, `mocap.topics` and `mocap.map`, the parent frame of the poses"
     found = f"bodies {', '.join(seen) or 'none'}"
-    return failed(reason, found, name, f"did you mean {near[0]}?" if near else remedy)
+    return failure_status(reason, found, name, f"did you mean {near[0]}?" if near else remedy)

@@ -4,40 +4,47 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.diagnosis import observability
+from calib.diagnosis.observability import normals_and_axes
 from calib.estimation import pose_chain
-from calib.estimation.residuals import pattern_corner, residual_registry
-from calib.geometry import se3
+from calib.estimation.pose_chain import T_sensor_target, model_with_corrections
+from calib.estimation.residuals.pattern_corner import score_labellings
+from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS, uses_template_points
+from calib.geometry.se3 import invert_pose, se3_log, transform_points
 
-BEYOND = 3.0  # σ
-OTHERWISE = 0.3  # of the misfit: a reading that fits by so much better is what was printed
-OF_TARGET = ("corner", "edge")  # features are the target's; of other kinds the sensor's
-UNIT = {"camera": "px", "lidar": "m"}
+TAIL_SIGMA = 3.0  # σ
+MAX_FLIPPED_MISFIT_RATIO = (
+    0.3  # of the misfit: a reading that fits by so much better is what was printed
+)
+TARGET_FEATURE_KINDS = (
+    "pattern_corner",
+    "board_outline",
+)  # features are the target's; of other kinds the sensor's
+UNIT_BY_SENSOR_KIND = {"camera": "px", "lidar": "m"}
 # What a measurement is that belongs to no part of its target: (admitted by the geometry but beyond
 # the gate, with a positive or a negative residual; not admitted).
-WHERE = {
-    "cap": ("before the end", "behind the end", "off the end's rim or too flat"),
-    "surface": ("before the surface", "behind the surface", "off the rim or too flat"),
-    "edge": ("outside the outline", "inside the outline", "at a corner or along the scan"),
-    "limb": ("outside the limb", "inside the limb", "near an end"),
-    "corner": ("off its place", "off its place", "not told from others"),
+REJECTION_REGIONS = {
+    "cylinder_cap": ("before the end", "behind the end", "off the end's rim or too flat"),
+    "target_surface": ("before the surface", "behind the surface", "off the rim or too flat"),
+    "board_outline": ("outside the outline", "inside the outline", "at a corner or along the scan"),
+    "cylinder_limb": ("outside the limb", "inside the limb", "near an end"),
+    "pattern_corner": ("off its place", "off its place", "not told from others"),
 }
-ELSEWHERE = ("far from the target", "far from the target", "not looked at")
+DEFAULT_REJECTION_REGIONS = ("far from the target", "far from the target", "not looked at")
 
 
-def counts(name, kind, setup, result):
+def usage_counts(sensor, sensor_kind, setup, result):
     """Placements, observations and points used, share rejected, and the rms of what is left."""
     used, views, squares, candidates, members = set(), set(), [], 0, 0
-    for g, a in own(name, setup, result):
+    for g, a in sensor_groups(sensor, setup, result):
         member = a.feature >= 0
-        candidates += int(a.candidate.sum())
-        members += int((member & a.candidate).sum())
+        candidates += int(a.is_candidate.sum())
+        members += int((member & a.is_candidate).sum())
         if member.any():
             used.add(g.placement)
             session = setup.placements[g.placement].session
             views |= {(session, int(v)) for v in np.unique(g.keypoints["view"][member])}
-        if UNIT[kind] == residual_registry.KINDS[g.kind].UNIT:
-            squares.append((a.value[member] ** 2).sum(1))
+        if UNIT_BY_SENSOR_KIND[sensor_kind] == RESIDUAL_KINDS[g.kind].UNIT:
+            squares.append((a.residual[member] ** 2).sum(1))
     squares = np.concatenate(squares) if squares else np.zeros(0)
     return {
         "placements": len(used),
@@ -46,28 +53,30 @@ def counts(name, kind, setup, result):
         "rejected": 1 - members / candidates if candidates else 0.0,
         "residual": {
             "rms": float(np.sqrt(squares.mean())) if len(squares) else None,
-            "unit": UNIT[kind],
+            "unit": UNIT_BY_SENSOR_KIND[sensor_kind],
         },
-        "left_out": left_out(name, setup, result),
+        "left_out": rejected_by_region(sensor, setup, result),
     }
 
 
-def own(name, setup, result):
+def sensor_groups(sensor, setup, result):
     """[(Group, Assignment)] of one sensor, without views in motion."""
-    both = zip(setup.groups, result.assigned, strict=True)
-    return [(g, a) for g, a in both if g.sensor == name and not g.moving]
+    both = zip(setup.groups, result.assignments, strict=True)
+    return [(g, a) for g, a in both if g.sensor == sensor and not g.is_moving]
 
 
-def left_out(name, setup, result):
+def rejected_by_region(sensor, setup, result):
     """[{target, kind, where, count, of}] of the measurements that are no members, by target; of:
     how many of that kind were handed on."""
     found, handed = {}, {}
-    for g, a in own(name, setup, result):
+    for g, a in sensor_groups(sensor, setup, result):
         target = setup.placements[g.placement].target
-        out, value = a.feature < 0, a.value[:, 0]
-        parts = a.candidate & (value >= 0), a.candidate & (value < 0), ~a.candidate
+        out, value = a.feature < 0, a.residual[:, 0]
+        parts = a.is_candidate & (value >= 0), a.is_candidate & (value < 0), ~a.is_candidate
         handed[target, g.kind] = handed.get((target, g.kind), 0) + len(out)
-        for words, part in zip(WHERE.get(g.kind, ELSEWHERE), parts, strict=True):
+        for words, part in zip(
+            REJECTION_REGIONS.get(g.kind, DEFAULT_REJECTION_REGIONS), parts, strict=True
+        ):
             key = target, g.kind, words
             found[key] = found.get(key, 0) + int(np.sum(out & part))
     return [
@@ -77,7 +86,7 @@ def left_out(name, setup, result):
     ]
 
 
-def fit(name, setup, result):
+def fit_statistics(sensor, setup, result):
     """{kind: {rejected, noise_factor, common, beyond, whiteness}} of one sensor's measurements.
 
     rejected: share of those that the geometry admits and the gate does not; noise_factor: noise
@@ -87,84 +96,90 @@ def fit(name, setup, result):
     give it. Nearest points follow no such noise and are left out.
     """
     out = {}
-    found = {g.kind for g, _ in own(name, setup, result)}
-    for kind in sorted(k for k in found if not residual_registry.by_nearest_point(k)):
-        found = [(g, a) for g, a in own(name, setup, result) if g.kind == kind]
-        noise = result.state.noise[name, kind]
-        sizes = np.concatenate([np.abs(a.standard)[a.feature >= 0] for _, a in found])
-        admitted = sum(int(a.candidate.sum()) for _, a in found)
+    found = {g.kind for g, _ in sensor_groups(sensor, setup, result)}
+    for kind in sorted(k for k in found if not uses_template_points(k)):
+        found = [(g, a) for g, a in sensor_groups(sensor, setup, result) if g.kind == kind]
+        noise = result.state.noise[sensor, kind]
+        sizes = np.concatenate([np.abs(a.standardized)[a.feature >= 0] for _, a in found])
+        admitted = sum(int(a.is_candidate.sum()) for _, a in found)
         out[kind] = {
             "rejected": 1 - len(sizes) / admitted if admitted else 0.0,
             "noise_factor": noise.total,
             "common": noise.common**2 / noise.total**2,
-            "beyond": float(np.mean(sizes > BEYOND)) if sizes.size else 0.0,
-            "whiteness": whiteness(found),
+            "beyond": float(np.mean(sizes > TAIL_SIGMA)) if sizes.size else 0.0,
+            "whiteness": systematic_residual_ratio(found),
         }
     return out
 
 
-def misread(name, setup, result):
+def find_flipped_pattern(sensor, setup, result):
     """(target, its pattern, px, px) of a checkerboard of which no corner is a member: how far they
     lie from their places counted from a first square of the stated colour, and of the other, where
     that explains them by far; None otherwise."""
-    for g, a in own(name, setup, result):
+    for g, a in sensor_groups(sensor, setup, result):
         target = setup.placements[g.placement].target
         pattern = setup.targets[target].pattern
-        if g.kind == "corner" and not (a.feature >= 0).any() and hasattr(pattern, "first_square"):
-            T = pose_chain.T_sensor_target(setup, result.state, name, g.placement)
-            points = se3.transform(T, pattern.corners())
-            uv, _ = pose_chain.model(setup, result.state, g).project(points)
+        if (
+            g.kind == "pattern_corner"
+            and not (a.feature >= 0).any()
+            and hasattr(pattern, "first_square")
+        ):
+            T = T_sensor_target(setup, result.state, sensor, g.placement)
+            points = transform_points(T, pattern.corners())
+            uv, _ = model_with_corrections(setup, result.state, g).project(points)
             rows = np.flatnonzero(g.keypoints["view"] == g.keypoints["view"][0])
-            either = pattern, replace(pattern, first_square=None)
-            stated, free = (
-                pattern_corner.readings(p, uv, g.keypoints, rows)[1].min() for p in either
-            )
-            if free < OTHERWISE * stated:
+            either = pattern, replace(pattern, first_square_color=None)
+            stated, free = (score_labellings(p, uv, g.keypoints, rows)[1].min() for p in either)
+            if free < MAX_FLIPPED_MISFIT_RATIO * stated:
                 return target, pattern, stated, free
     return None
 
 
-def whiteness(found):
+def systematic_residual_ratio(found):
     """RMS of the mean residual of each feature over all placements, over its σ; 1 where placements
     are independent. found: [(Group, Assignment)] of one kind."""
     sums, weights = {}, {}
     for g, a in found:
-        number = a.nearest if g.kind in OF_TARGET else g.keypoints["index"]
+        number = (
+            a.candidate_feature if g.kind in TARGET_FEATURE_KINDS else g.keypoints["feature_index"]
+        )
         for feature in np.unique(number[a.feature >= 0]).tolist():
             rows = (a.feature >= 0) & (number == feature)
-            sums[feature] = sums.get(feature, 0.0) + a.weight[rows] @ a.standard[rows]
+            sums[feature] = sums.get(feature, 0.0) + a.weight[rows] @ a.standardized[rows]
             weights[feature] = weights.get(feature, 0.0) + a.weight[rows].sum()
     means = [np.mean(sums[k] ** 2) / weights[k] for k in sums if weights[k] > 0]
     return float(np.sqrt(np.mean(means))) if means else 1.0
 
 
-def correction(T_robot_sensor, guess):
+def guess_deviation_in_sigma(T_robot_sensor, guess):
     """Largest of the six numbers by which a pose (4, 4) differs from its guess.json, in the σ
     stated there; None without a guess."""
     if guess["T_robot_sensor"] is None:
         return None
     T_guess = np.array(guess["T_robot_sensor"]["matrix"])
-    off = se3.se3_log(se3.inverse(T_guess) @ T_robot_sensor)
+    off = se3_log(invert_pose(T_guess) @ T_robot_sensor)
     return float((np.abs(off) / np.array(guess["sigma"])).max())
 
 
-def seen(name, setup, result):
+def target_directions(sensor, setup, result):
     """What directions the targets had (observability.axes) in the placements that a sensor used,
     and how many those are."""
-    used = sorted({g.placement for g, a in own(name, setup, result) if (a.feature >= 0).any()})
+    used = sorted(
+        {g.placement for g, a in sensor_groups(sensor, setup, result) if (a.feature >= 0).any()}
+    )
     shapes = [setup.targets[setup.placements[k].target] for k in used]
     T = np.reshape([pose_chain.T_robot_target(setup, result.state, k) for k in used], (-1, 4, 4))
-    return observability.axes(shapes, T), len(used)
+    return normals_and_axes(shapes, T), len(used)
 
 
-def held_out(name, left):
+def leave_one_out_statistics(sensor, leave_one_outs):
     """What the others say of the placements of one sensor (crossvalidation.Left): rms of the
     errors, m and rad, their size over what both σ predict, and in how many directions."""
-    found = [lf.held[name] for lf in left if name in lf.held]
+    found = [lf.error_by_sensor[sensor] for lf in leave_one_outs if sensor in lf.error_by_sensor]
     if not found:
         return None
     errors = np.stack([h.error for h in found])
-    directions = sum(h.directions for h in found)
+    directions = sum(h.n_directions for h in found)
     return {
         "placements": len(found),
         "directions": directions,
@@ -174,20 +189,20 @@ def held_out(name, left):
     }
 
 
-def influences(setup, left):
+def influences_json(setup, leave_one_outs):
     """[{session, target, placement, sensors: {name: {influence, nees, directions}}}] of every
     placement left out; the influence is null where the rest determines the pose no more."""
     numbers = {g.placement: int(g.keypoints["placement"][0]) for g in setup.groups}
     out = []
-    for lf in left:
+    for lf in leave_one_outs:
         place = setup.placements[lf.placement]
         sensors = {}
-        for name in lf.held or lf.influence:
-            moved, held = lf.influence[name], lf.held.get(name)
+        for name in lf.error_by_sensor or lf.influence_by_sensor:
+            moved, held = lf.influence_by_sensor[name], lf.error_by_sensor.get(name)
             sensors[name] = {
                 "influence": moved if np.isfinite(moved) else None,
                 "nees": held.nees if held else None,
-                "directions": held.directions if held else 0,
+                "directions": held.n_directions if held else 0,
             }
         where = {"session": place.session, "target": place.target}
         out.append(where | {"placement": numbers[lf.placement], "sensors": sensors})

@@ -5,18 +5,22 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from calib.diagnosis.observability import UNDETERMINED
-from calib.estimation import estimate_state, pose_chain, solver
-from calib.geometry import se3
+from calib.diagnosis.observability import UNDETERMINED_SIGMA
+from calib.estimation.estimate_state import get_correction_values
+from calib.estimation.pose_chain import ROBOT_MARKERS
+from calib.estimation.solver import estimate_poses
+from calib.geometry.se3 import invert_pose, se3_exp, se3_log
 
 
-def alone(setup, result, session):
+def session_setup(setup, result, session):
     """The Setup of one session's placements; targets, and the robot's markers, which it cannot tell
     by itself, sit where all sessions together put them."""
-    at = [i for i, p in enumerate(setup.placements) if p.session == session and p.moving is None]
+    at = [
+        i for i, p in enumerate(setup.placements) if p.session == session and p.moving_view is None
+    ]
     index = {k: i for i, k in enumerate(at)}
-    anew = estimate_state.number_of(setup, result.state, pose_chain.MARKERS, session)
-    T = np.eye(4) if anew is None else se3.se3_exp(anew)
+    anew = get_correction_values(setup, result.state, ROBOT_MARKERS, session)
+    T = np.eye(4) if anew is None else se3_exp(anew)
     places = [
         replace(
             p,
@@ -29,69 +33,73 @@ def alone(setup, result, session):
         replace(g, placement=index[g.placement]) for g in setup.groups if g.placement in index
     ]
     seen = {g.sensor for g in groups}
-    kept = [h for h in setup.corrections if not (h.moving or h.session) and h.of in seen]
+    kept = [
+        h for h in setup.corrections if not (h.is_moving_only or h.is_per_session) and h.of in seen
+    ]
     return replace(
         setup,
         models={n: m for n, m in setup.models.items() if n in seen},
         placements=places,
         groups=groups,
-        mounts={},
+        initial_mounts={},
         corrections=tuple(kept),
     )
 
 
-def poses(setup, result, session, **limits):
+def session_poses(setup, result, session, **limits):
     """{sensor: (twist (6,) from its joint pose, covariance (6, 6))} by one session's data alone, of
     the sensors that these determine."""
-    own = alone(setup, result, session)
+    own = session_setup(setup, result, session)
     start = {n: result.state.T_robot_sensor[n] for n in own.models}
-    found = solver.estimate(own, start, **limits)
-    if found.solution is None:
+    found = estimate_poses(own, start, **limits)
+    if found.solve_result is None:
         return {}
-    spread, out = found.solution.covariance, {}
+    spread, out = found.solve_result.covariance, {}
     for i, name in enumerate(sorted(own.models)):
         block = spread[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]
         variances = np.diag(block)
         if (
             np.isfinite(variances).all()
             and (variances > 0).all()
-            and (variances < UNDETERMINED**2).all()
+            and (variances < UNDETERMINED_SIGMA**2).all()
         ):
-            off = se3.inverse(start[name]) @ found.state.T_robot_sensor[name]
-            out[name] = se3.se3_log(off), block
+            off = invert_pose(start[name]) @ found.state.T_robot_sensor[name]
+            out[name] = se3_log(off), block
     return out
 
 
-def repeatability(setup, result, **limits):
+def repeatability_json(setup, result, **limits):
     """[{session, sensor, shift, sigma, others, chance}] of every session that is not alone.
 
     shift (6,): of the sensor's pose by that session alone from that by the others, m and rad, along
     the sensor's axes; sigma (6,): what both σ make of it; chance of so much where nothing moved.
     """
     names = sorted({p.session for p in setup.placements})
-    if len(names) < 2 or result.solution is None:
+    if len(names) < 2 or result.solve_result is None:
         return []
-    found = {s: poses(setup, result, s, **limits) for s in names}
+    found = {s: session_poses(setup, result, s, **limits) for s in names}
     out = []
     for session in names:
         for sensor, (xi, block) in found[session].items():
             rest = [found[s][sensor] for s in names if s != session and sensor in found[s]]
             if rest:
-                out.append({"session": session, "sensor": sensor, **_against(xi, block, rest)})
+                out.append(
+                    {"session": session, "sensor": sensor, **_compare_with_others(xi, block, rest)}
+                )
     return out
 
 
-def _against(xi, block, rest):
+def _compare_with_others(xi, covariance, others):
     """What a twist (6,) and its covariance (6, 6) say against those of others."""
-    weights = [np.linalg.inv(C) for _, C in rest]
+    weights = [np.linalg.inv(C) for _, C in others]
     both = np.linalg.inv(sum(weights))
-    mean = both @ sum(W @ x for W, (x, _) in zip(weights, rest, strict=True))
-    shift, spread = xi - mean, block + both
+    mean = both @ sum(W @ x for W, (x, _) in zip(weights, others, strict=True))
+    shift, spread = xi - mean, covariance + both
     chance = stats.chi2.sf(shift @ np.linalg.solve(spread, shift), 6)
     sigma = np.sqrt(np.diag(spread))
     return {
         "shift": shift.tolist(),
         "sigma": sigma.tolist(),
-        "others": len(rest),
+        "others": len(others),
         "chance": float(chance),
     }

@@ -4,10 +4,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib.estimation import noise_model
-from calib.geometry import se3
+from calib.estimation.noise_model import initial_noise, noise_key
+from calib.geometry.se3 import se3_exp
 
-STREAM = "mocap_offset"  # likewise of how late the clock of a target's poses is against the robot's
+STREAM_LAG = (
+    "mocap_offset"  # likewise of how late the clock of a target's poses is against the robot's
+)
 
 
 @dataclass
@@ -19,84 +21,98 @@ class State:
 
     T_robot_sensor: dict
     mounts: dict
-    y: np.ndarray
+    mocap_errors: np.ndarray
     noise: dict
-    mocap: float = 1.0
-    theta: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    wander: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
-    fits: list = field(default_factory=list)
+    mocap_noise_factor: float = 1.0
+    correction_values: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    moving_view_errors: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
+    local_motions: list = field(default_factory=list)
 
 
-def start(setup, T_robot_sensor, factor):
+def initial_state(setup, T_robot_sensor, noise_factor):
     """The State from poses by sensor: no MCS error, `factor` times the configured noise."""
-    keys = sorted({noise_model.of(g) for g in setup.groups})
-    scales = {key: noise_model.initial(key[1], factor) for key in keys}
-    y, begun = np.zeros_like(setup.sigma), [h.start for h in setup.corrections]
+    keys = sorted({noise_key(g) for g in setup.groups})
+    scales = {key: initial_noise(key[1], noise_factor) for key in keys}
+    y, begun = np.zeros_like(setup.mocap_sigma), [h.initial_values for h in setup.corrections]
     theta = [
-        np.zeros(h.size) if v is None else v for h, v in zip(setup.corrections, begun, strict=True)
+        np.zeros(h.n_values) if v is None else v
+        for h, v in zip(setup.corrections, begun, strict=True)
     ]
     theta = np.concatenate([np.zeros(0), *theta])
-    wander = np.zeros((len(setup.placements) - setup.still, 6))
-    fits = followed(setup, theta)
-    return State(dict(T_robot_sensor), dict(setup.mounts), y, scales, 1.0, theta, wander, fits)
-
-
-def carried(setup, before, factor):
-    """The State from where another Setup of the same still placements, with less to estimate or
-    without views in motion, has settled: before, (Setup, State). What is new is as at the start."""
-    old, state = before
-    new = start(setup, state.T_robot_sensor, factor)
-    theta = new.theta.copy()
-    for h, at in setup.spans:
-        known = number_of(old, state, h.name, h.of)
-        theta[at] = theta[at] if known is None else known
-    return replace(
-        new,
-        mounts=new.mounts | {n: state.mounts[n] for n in setup.mounts if n in state.mounts},
-        y=np.concatenate([state.y, new.y[len(state.y) :]]),
-        noise=new.noise | {k: v for k, v in state.noise.items() if k in new.noise},
-        mocap=state.mocap,
-        theta=theta,
-        wander=state.wander if len(state.wander) == len(new.wander) else new.wander,
-        fits=followed(setup, theta),
+    wander = np.zeros((len(setup.placements) - setup.n_still, 6))
+    fits = fit_local_motions(setup, theta)
+    return State(
+        dict(T_robot_sensor), dict(setup.initial_mounts), y, scales, 1.0, theta, wander, fits
     )
 
 
-def followed(setup, theta):
+def warm_start(setup, previous, factor):
+    """The State from where another Setup of the same still placements, with less to estimate or
+    without views in motion, has settled: before, (Setup, State). What is new is as at the start."""
+    old, state = previous
+    new = initial_state(setup, state.T_robot_sensor, factor)
+    theta = new.correction_values.copy()
+    for h, at in setup.correction_slices:
+        known = get_correction_values(old, state, h.name, h.subject)
+        theta[at] = theta[at] if known is None else known
+    return replace(
+        new,
+        mounts=new.mounts | {n: state.mounts[n] for n in setup.initial_mounts if n in state.mounts},
+        mocap_errors=np.concatenate(
+            [state.mocap_errors, new.mocap_errors[len(state.mocap_errors) :]]
+        ),
+        noise=new.noise | {k: v for k, v in state.noise.items() if k in new.noise},
+        mocap_noise_factor=state.mocap_noise_factor,
+        correction_values=theta,
+        moving_view_errors=state.moving_view_errors
+        if len(state.moving_view_errors) == len(new.moving_view_errors)
+        else new.moving_view_errors,
+        local_motions=fit_local_motions(setup, theta),
+    )
+
+
+def fit_local_motions(setup, theta):
     """The motion.Fit of every view in motion at its offset and lag, by θ (p,)."""
-    return [p.moving.at(*late(setup, theta, p)) for p in setup.placements[setup.still :]]
+    return [
+        p.moving_view.motion_at(*clock_delays(setup, theta, p))
+        for p in setup.placements[setup.n_still :]
+    ]
 
 
-def late(setup, theta, place):
+def clock_delays(setup, theta, placement):
     """(offset of the sensor's clock, lag of the target's poses), s, in a view in motion."""
-    delays = [(h, at) for h, at in setup.spans if h.delay and h.of == place.moving.sensor]
-    lag = setup.span(STREAM, place.target)
-    offset = sum(h.delay(theta[at], place) for h, at in delays)
+    delays = [
+        (h, at)
+        for h, at in setup.correction_slices
+        if h.clock_delay and h.subject == placement.moving_view.sensor
+    ]
+    lag = setup.correction_slice(STREAM_LAG, placement.target)
+    offset = sum(h.clock_delay(theta[at], placement) for h, at in delays)
     return float(offset), 0.0 if lag is None else float(theta[lag][0])
 
 
-def number_of(setup, state, name, of):
+def get_correction_values(setup, state, name, subject):
     """θ (size,) of the correction of that name, or None where there is none."""
-    at = setup.span(name, of)
-    return None if at is None else state.theta[at]
+    at = setup.correction_slice(name, subject)
+    return None if at is None else state.correction_values[at]
 
 
-def fit_of(setup, state, k):
+def get_local_motion(setup, state, placement_index):
     """The motion.Fit of view k in motion."""
-    return state.fits[k - setup.still]
+    return state.local_motions[placement_index - setup.n_still]
 
 
-def moved(setup, state, x, wander):
+def apply_step(setup, state, x, moving_view_errors):
     """The State at unknowns x (n,) and errors (m, 6) of views in motion."""
-    twists = se3.se3_exp(x[: setup.poses].reshape(-1, 6))
-    sensors, mounts = sorted(setup.models), sorted(setup.mounts)
+    twists = se3_exp(x[: setup.n_pose_unknowns].reshape(-1, 6))
+    sensors, mounts = sorted(setup.models), sorted(setup.initial_mounts)
     return State(
         {n: state.T_robot_sensor[n] @ T for n, T in zip(sensors, twists, strict=False)},
         {n: state.mounts[n] @ T for n, T in zip(mounts, twists[len(sensors) :], strict=True)},
-        x[setup.poses : setup.chained].reshape(-1, 6),
+        x[setup.n_pose_unknowns : setup.n_chain_unknowns].reshape(-1, 6),
         state.noise,
-        state.mocap,
-        x[setup.chained :] * setup.theta_sigma,
-        wander,
-        followed(setup, x[setup.chained :] * setup.theta_sigma),
+        state.mocap_noise_factor,
+        x[setup.n_chain_unknowns :] * setup.correction_sigma,
+        moving_view_errors,
+        fit_local_motions(setup, x[setup.n_chain_unknowns :] * setup.correction_sigma),
     )

@@ -20,14 +20,14 @@ class Placement:
     target: str
     T_robot_body: np.ndarray
     T_body_target: np.ndarray
-    sigma: np.ndarray
-    rest: int | None = None
-    moving: object = None
-    start: int = 0
+    mocap_sigma: np.ndarray
+    robot_rest: int | None = None
+    moving_view: object = None
+    start_ns: int = 0
 
 
 @dataclass(frozen=True)
-class Group:
+class MeasurementGroup:
     """Keypoints (columns) of one kind by one sensor in one placement, or in one view of a target in
     motion."""
 
@@ -35,7 +35,7 @@ class Group:
     placement: int
     kind: str
     keypoints: dict = field(repr=False)
-    moving: bool = False
+    is_moving: bool = False
 
 
 @dataclass(frozen=True)
@@ -59,87 +59,102 @@ class Setup:
     targets: dict
     placements: list
     groups: list
-    associate: dict
-    prior: dict
-    mounts: dict = field(default_factory=dict)
-    alignment: dict = field(default_factory=dict)
+    associate_options: dict
+    sensor_priors: dict
+    initial_mounts: dict = field(default_factory=dict)
+    mount_sigma: dict = field(default_factory=dict)
     corrections: tuple = ()
-    lenses: dict = field(default_factory=dict)
+    estimable_intrinsics: dict = field(default_factory=dict)
 
     @cached_property
-    def robots(self):
+    def robot_error_index(self):
         """(k,) index, among the errors of MCS poses, of that of the robot in every placement."""
-        return self._errors[0]
+        return self._mocap_error_index[0]
 
     @cached_property
-    def bodies(self):
+    def body_error_index(self):
         """(k,) likewise of the body."""
-        return self._errors[1]
+        return self._mocap_error_index[1]
 
     @cached_property
-    def _errors(self):
-        still, moving = self.placements[: self.still], self.placements[self.still :]
-        rests = [(p.session, -1 - i if p.rest is None else p.rest) for i, p in enumerate(still)]
-        robots = _numbered(rests)
+    def _mocap_error_index(self):
+        still, moving = self.placements[: self.n_still], self.placements[self.n_still :]
+        rests = [
+            (p.session, -1 - i if p.robot_rest is None else p.robot_rest)
+            for i, p in enumerate(still)
+        ]
+        robots = _index_keys(rests)
         bodies = robots.max(initial=-1) + 1 + np.arange(len(still))
         first = len(bodies) + robots.max(initial=-1) + 1
-        robots_moving = first + _numbered([p.session for p in moving])
+        robots_moving = first + _index_keys([p.session for p in moving])
         first = robots_moving.max(initial=first - 1) + 1
-        bodies_moving = first + _numbered([(p.session, p.target) for p in moving])
+        bodies_moving = first + _index_keys([(p.session, p.target) for p in moving])
         return np.concatenate([robots, robots_moving]), np.concatenate([bodies, bodies_moving])
 
     @cached_property
-    def sigma(self):
+    def mocap_sigma(self):
         """(r, 6) σ of the errors of MCS poses."""
-        own = np.reshape([p.sigma for p in self.placements], (-1, 6))
-        out = np.zeros((max(self.bodies.max(initial=-1), self.robots.max(initial=-1)) + 1, 6))
-        np.maximum.at(out, self.robots, own)
-        np.maximum.at(out, self.bodies, own)
+        own = np.reshape([p.mocap_sigma for p in self.placements], (-1, 6))
+        out = np.zeros(
+            (
+                max(self.body_error_index.max(initial=-1), self.robot_error_index.max(initial=-1))
+                + 1,
+                6,
+            )
+        )
+        np.maximum.at(out, self.robot_error_index, own)
+        np.maximum.at(out, self.body_error_index, own)
         return out
 
     @cached_property
-    def still(self):
+    def n_still(self):
         """How many of the placements are no views in motion."""
-        return sum(p.moving is None for p in self.placements)
+        return sum(p.moving_view is None for p in self.placements)
 
     @property
-    def poses(self):
+    def n_pose_unknowns(self):
         """Index of the first unknown of the MCS poses."""
-        return 6 * (len(self.models) + len(self.mounts))
+        return 6 * (len(self.models) + len(self.initial_mounts))
 
     @property
-    def chained(self):
+    def n_chain_unknowns(self):
         """How many unknowns the chains of poses have: all but θ."""
-        return self.poses + self.sigma.size
+        return self.n_pose_unknowns + self.mocap_sigma.size
 
     @property
-    def n(self):
+    def n_unknowns(self):
         """How many unknowns there are."""
-        return self.chained + sum(h.size for h in self.corrections)
+        return self.n_chain_unknowns + sum(h.n_values for h in self.corrections)
 
     @cached_property
-    def theta_sigma(self):
+    def correction_sigma(self):
         """(p,) σ of the priors of θ."""
-        return np.concatenate([np.zeros(0), *(h.sigma for h in self.corrections)])
+        return np.concatenate([np.zeros(0), *(h.prior_sigma for h in self.corrections)])
 
-    def numbers(self, group):
+    def correction_index(self, group):
         """Which of θ (q,) the residuals of a group may depend on."""
-        own = [np.arange(self.n)[at] for h, at in self.spans if h.touches(self, group)]
+        own = [
+            np.arange(self.n_unknowns)[at]
+            for h, at in self.correction_slices
+            if h.affects(self, group)
+        ]
         return np.concatenate([np.zeros(0, int), *own])
 
     @cached_property
-    def spans(self):
+    def correction_slices(self):
         """[(Hypothesis, slice of θ)] of the corrections."""
-        ends = np.cumsum([0] + [h.size for h in self.corrections]).tolist()
+        ends = np.cumsum([0] + [h.n_values for h in self.corrections]).tolist()
         slices = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
         return list(zip(self.corrections, slices, strict=True))
 
-    def span(self, name, of):
+    def correction_slice(self, name, subject):
         """The slice of θ of the correction of that name, or None where there is none."""
-        return next((at for h, at in self.spans if (h.name, h.of) == (name, of)), None)
+        return next(
+            (at for h, at in self.correction_slices if (h.name, h.subject) == (name, subject)), None
+        )
 
 
-def _numbered(keys):
+def _index_keys(keys):
     """(k,): equal keys by equal numbers, from 0 on, in order."""
     numbers = {key: i for i, key in enumerate(sorted(set(keys)))}
     return np.array([numbers[key] for key in keys], int)

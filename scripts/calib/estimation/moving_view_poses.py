@@ -2,53 +2,87 @@
 
 import numpy as np
 
-from calib.estimation import estimation_problem
-from calib.io import parquet_tables, pose_block
-from calib.mocap import moving_pose_fit
-from calib.mocap.body_trajectory import NS
-from calib.views import frame_selection
+from calib.estimation.estimation_problem import MeasurementGroup, Placement
+from calib.io.parquet_tables import select_rows
+from calib.io.pose_block import pose_sigma_from_config
+from calib.mocap.body_trajectory import NS_PER_S
+from calib.mocap.moving_pose_fit import MovingView, fit_local_motion
+from calib.views.frame_selection import space_evenly
 
-MOST_POINTS = 400  # of a view: more tell no better where it is between two samples of the MCS
-KIND = ("corner", "limb", "surface")  # of keypoints that are used
+MAX_KEYPOINTS_PER_VIEW = (
+    400  # of a view: more tell no better where it is between two samples of the MCS
+)
+MOVING_VIEW_KINDS = (
+    "pattern_corner",
+    "cylinder_limb",
+    "target_surface",
+)  # of keypoints that are used
 
 
-def placement(session, target, sensor, t, path, T_body_target, mocap_noise, apart=None):
+def make_moving_placement(
+    session,
+    target,
+    sensor,
+    time_ns,
+    trajectory,
+    T_body_target,
+    mocap_noise,
+    separate_trajectories=None,
+):
     """The given.Placement of a view of a target in motion at t, ns, on the clock of the MCS; None
-    where that has a gap. mocap_noise: block with pose_sigma and pose_bias_sigma; apart: as that of
+    where that has a gap. mocap_noise: block with pose_sigma and pose_bias_sigma; separate_trajectories: as that of
     motion.Moving."""
-    there = moving_pose_fit.fit(path, t)
+    there = fit_local_motion(trajectory, time_ns)
     if there is None:
         return None
-    white, bias = (pose_block.pose_sigma(mocap_noise[k]) for k in ("pose_sigma", "pose_bias_sigma"))
+    white, bias = (
+        pose_sigma_from_config(mocap_noise[k]) for k in ("pose_sigma", "pose_bias_sigma")
+    )
     # What the MCS errs by beside noise is neither the same in all places nor new in each: once over
     # for all views, so that many tell of poses no more than one placement, and once for each.
-    seen = moving_pose_fit.Moving(sensor, t, path, np.hypot(there.factor * white, bias), apart)
-    return estimation_problem.Placement(session, target, there.T, T_body_target, bias, moving=seen)
+    seen = MovingView(
+        sensor,
+        time_ns,
+        trajectory,
+        np.hypot(there.sigma_factor * white, bias),
+        separate_trajectories,
+    )
+    return Placement(session, target, there.T_robot_body, T_body_target, bias, moving_view=seen)
 
 
-def seen(keypoints, session, sensor, offset, paths, streams, T_body_target, mocap_noise, first):
+def build_moving_groups(
+    keypoints,
+    session,
+    sensor,
+    offset_s,
+    trajectories,
+    separate_trajectories,
+    T_body_target,
+    mocap_noise,
+    first_index,
+):
     """([Placement], [Group]) of the keypoints of a sensor's views in motion, numbered from first;
-    streams: as `apart` gives them.
+    separate_trajectories: as `apart` gives them.
 
     Stamps are taken to the clock of the MCS by an offset, s, a first guess; each view's time is the
     mean of its keypoints'. T_body_target (4, 4) by target.
     """
-    places, groups, late = [], [], round(offset * NS)
+    places, groups, late = [], [], round(offset_s * NS_PER_S)
     for view in sorted(set(keypoints["view"].tolist())):
-        rows = np.flatnonzero((keypoints["view"] == view) & np.isin(keypoints["kind"], KIND))
+        rows = np.flatnonzero(
+            (keypoints["view"] == view) & np.isin(keypoints["kind"], MOVING_VIEW_KINDS)
+        )
         if len(rows) == 0:
             continue
-        columns = parquet_tables.select(
-            keypoints, rows[frame_selection.evenly(len(rows), MOST_POINTS)]
-        )
+        columns = select_rows(keypoints, rows[space_evenly(len(rows), MAX_KEYPOINTS_PER_VIEW)])
         target, kind = str(columns["target"][0]), str(columns["kind"][0])
-        columns = columns | {"t": columns["t"] + late}
-        t = int(columns["t"][0]) + int(np.mean(columns["t"] - columns["t"][0]))
-        known = T_body_target[target], mocap_noise, streams.get(target)
-        place = placement(session, target, sensor, t, paths[target], *known)
+        columns = columns | {"stamp_ns": columns["stamp_ns"] + late}
+        t = int(columns["stamp_ns"][0]) + int(np.mean(columns["stamp_ns"] - columns["stamp_ns"][0]))
+        known = T_body_target[target], mocap_noise, separate_trajectories.get(target)
+        place = make_moving_placement(session, target, sensor, t, trajectories[target], *known)
         if place is not None:
             groups.append(
-                estimation_problem.Group(sensor, first + len(places), kind, columns, moving=True)
+                MeasurementGroup(sensor, first_index + len(places), kind, columns, is_moving=True)
             )
             places.append(place)
     return places, groups

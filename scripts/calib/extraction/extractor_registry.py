@@ -6,23 +6,33 @@ view, and the working pose T_robot_sensor (4, 4), or None where nothing was foun
 
 import numpy as np
 
-from calib.extraction import camera_keypoints, lidar_keypoints
-from calib.io import parquet_tables, table_schemas
+from calib.extraction.camera_keypoints import (
+    CAMERA_NOISE_FACTOR,
+    extract_camera_keypoints,
+    list_camera_view_parts,
+)
+from calib.extraction.lidar_keypoints import (
+    LIDAR_NOISE_FACTOR,
+    extract_lidar_keypoints,
+    extract_lidar_view,
+)
+from calib.io.parquet_tables import concatenate_columns
+from calib.io.table_schemas import KEYPOINTS_SCHEMA
 
-SENSORS = {"camera": camera_keypoints.extract, "lidar": lidar_keypoints.extract}
-ONE_VIEW = {"camera": camera_keypoints.parts_of, "lidar": lidar_keypoints.around}
-NOISE = {
-    "camera": camera_keypoints.NOISE,
-    "lidar": lidar_keypoints.NOISE,
+KEYPOINT_EXTRACTORS = {"camera": extract_camera_keypoints, "lidar": extract_lidar_keypoints}
+VIEW_EXTRACTORS = {"camera": list_camera_view_parts, "lidar": extract_lidar_view}
+NOISE_FACTORS = {
+    "camera": CAMERA_NOISE_FACTOR,
+    "lidar": LIDAR_NOISE_FACTOR,
 }  # times σ: from how far members still count
 
 
-def at(kind, job, views, T_robot_sensor):
+def extract_views_at_pose(kind, context, views, T_robot_sensor):
     """(keypoints, outcomes) of the kept views whose place is known, at a pose of the sensor."""
     parts, outcomes = [], []
     for i in np.flatnonzero(views["kept"]):
-        if int(views["placement"][i]) in job.places:
-            found, status = ONE_VIEW[kind](job, views, i, T_robot_sensor)
+        if int(views["placement"][i]) in context.placements:
+            found, status = VIEW_EXTRACTORS[kind](context, views, i, T_robot_sensor)
             parts += found
             outcomes.append((int(views["view"][i]), status))
-    return parquet_tables.concatenate(parts, table_schemas.KEYPOINTS), outcomes
+    return concatenate_columns(parts, KEYPOINTS_SCHEMA), outcomes

@@ -2,15 +2,18 @@
 
 import numpy as np
 
-from calib.geometry import se3
+from calib.geometry.se3 import invert_pose
 
-FARTHEST_M = {"all": 0.2, "corners": 1.0}  # of a scan point from the template point it pulls
-ROUNDS = 200
-SMALLEST = 1e-8  # relative change that counts as none
+MAX_ICP_DISTANCE_M = {
+    "all": 0.2,
+    "corners": 1.0,
+}  # of a scan point from the template point it pulls
+MAX_ICP_ITERATIONS = 200
+ICP_RELATIVE_TOLERANCE = 1e-8  # relative change that counts as none
 
 
-def icp(points, measured, T_sensor_target):
-    """T_sensor_target (4, 4) of the template that lies best under measured points (n, 3).
+def register_template_icp(point_template, scan_xyz, T_sensor_target):
+    """T_sensor_target (4, 4) of the template that lies best under measured point_template (n, 3).
 
     Point to point, from every scan point to its nearest template point, from the given pose:
     paper III-C. Inside a flat template nothing holds the scan, so what ICP says of a board's
@@ -19,14 +22,17 @@ def icp(points, measured, T_sensor_target):
     import open3d as o3d  # 2 s, which only targets of the points method should pay
 
     scan, template = (
-        o3d.geometry.PointCloud(o3d.utility.Vector3dVector(p)) for p in (measured, points.template)
+        o3d.geometry.PointCloud(o3d.utility.Vector3dVector(p))
+        for p in (scan_xyz, point_template.xyz)
     )
     found = o3d.pipelines.registration.registration_icp(
         scan,
         template,
-        FARTHEST_M[points.keypoints],
-        se3.inverse(T_sensor_target),
+        MAX_ICP_DISTANCE_M[point_template.keypoint_mode],
+        invert_pose(T_sensor_target),
         o3d.pipelines.registration.TransformationEstimationPointToPoint(),
-        o3d.pipelines.registration.ICPConvergenceCriteria(SMALLEST, SMALLEST, ROUNDS),
+        o3d.pipelines.registration.ICPConvergenceCriteria(
+            ICP_RELATIVE_TOLERANCE, ICP_RELATIVE_TOLERANCE, MAX_ICP_ITERATIONS
+        ),
     )
-    return se3.inverse(np.array(found.transformation))
+    return invert_pose(np.array(found.transformation))

@@ -6,7 +6,7 @@ Arithmetic and the ufuncs of NumPy dispatch by themselves; branches do not.
 import numpy as np
 
 
-def where(condition, a, b):
+def elementwise_if_else(condition, a, b):
     """Elementwise a where condition holds, else b; both are evaluated and must be finite."""
     if isinstance(condition, (bool, np.bool_, np.ndarray)):
         return np.where(condition, a, b)

@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def signed_distance(vertices, p):
+def signed_polygon_distance(vertices, p):
     """Distance (n,), m, of points p (n, 2) to the outline (m, 2): negative inside."""
     x, y = p.T
     nearest = np.full(len(p), np.inf)
@@ -13,10 +13,10 @@ def signed_distance(vertices, p):
         away_x, away_y = x - ax - fraction * dx, y - ay - fraction * dy
         nearest = np.minimum(nearest, away_x * away_x + away_y * away_y)
     nearest = np.sqrt(nearest)
-    return np.where(contains(vertices, p), -nearest, nearest)
+    return np.where(polygon_contains(vertices, p), -nearest, nearest)
 
 
-def contains(vertices, p):
+def polygon_contains(vertices, p):
     """Whether points p (n, 2) lie inside the outline (m, 2), by counting crossings."""
     x, y = p.T
     inside = np.zeros(len(p), bool)
@@ -26,7 +26,7 @@ def contains(vertices, p):
     return inside
 
 
-def nearest_edge(vertices, p):
+def nearest_polygon_edge(vertices, p):
     """Index (n,) of the outline edge nearest to p (n, 2), and the fraction (n,) along its line."""
     along = np.roll(vertices, -1, 0) - vertices
     offset = p[:, None, :] - vertices
@@ -36,7 +36,7 @@ def nearest_edge(vertices, p):
     return edge, free[np.arange(len(p)), edge]
 
 
-def along(vertices, spacing):
+def sample_polygon_outline(vertices, spacing):
     """Points (n, 2) on the outline (m, 2), spacing m apart or a little less."""
     sides = np.roll(vertices, -1, 0) - vertices
     counts = np.ceil(np.linalg.norm(sides, axis=1) / spacing).astype(int)

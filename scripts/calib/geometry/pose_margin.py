@@ -3,6 +3,6 @@
 import numpy as np
 
 
-def spread(margin, distance):
+def angular_margin(margin, distance):
     """Angle, rad, by which a point at distance, m, may appear beside its prediction."""
     return np.linalg.norm(margin[3:]) / np.sqrt(3) * np.sqrt(2) + margin[:3].max() / distance

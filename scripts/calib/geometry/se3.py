@@ -9,36 +9,49 @@ Closed forms: Barfoot, State Estimation for Robotics, section 8.1.
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calib.geometry.numpy_or_casadi import where
+from calib.geometry.numpy_or_casadi import elementwise_if_else
 
-SERIES_BELOW = 0.04  # θ², rad²: with six terms both branches agree there to 1e-16
-SERIES_A = (1, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800)
-SERIES_B = (1 / 2, -1 / 24, 1 / 720, -1 / 40320, 1 / 3628800, -1 / 479001600)
-SERIES_C = (1 / 6, -1 / 120, 1 / 5040, -1 / 362880, 1 / 39916800, -1 / 6227020800)
-SERIES_D = (1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160, 691 / 1307674368000)
+MAX_SERIES_ANGLE_RAD2 = 0.04  # θ², rad²: with six terms both branches agree there to 1e-16
+SIN_SERIES = (1, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800)
+COS_SERIES = (1 / 2, -1 / 24, 1 / 720, -1 / 40320, 1 / 3628800, -1 / 479001600)
+THETA_MINUS_SIN_SERIES = (1 / 6, -1 / 120, 1 / 5040, -1 / 362880, 1 / 39916800, -1 / 6227020800)
+INVERSE_JACOBIAN_SERIES = (
+    1 / 12,
+    1 / 720,
+    1 / 30240,
+    1 / 1209600,
+    1 / 47900160,
+    691 / 1307674368000,
+)
 
 
-def _horner(series, s):
+def _evaluate_polynomial(series, theta_squared):
     total = series[-1]
     for c in reversed(series[:-1]):
-        total = total * s + c
+        total = total * theta_squared + c
     return total
 
 
-def exp_coefficients(s):
+def so3_exp_coefficients(theta_squared):
     """(sin θ)/θ, (1 - cos θ)/θ², (θ - sin θ)/θ³ of s = θ², array or expression, smooth at 0."""
-    small = s < SERIES_BELOW
-    safe = where(small, 1.0, s)
+    small = theta_squared < MAX_SERIES_ANGLE_RAD2
+    safe = elementwise_if_else(small, 1.0, theta_squared)
     theta = np.sqrt(safe)
     sine, cosine = np.sin(theta), np.cos(theta)
     return (
-        where(small, _horner(SERIES_A, s), sine / theta),
-        where(small, _horner(SERIES_B, s), (1 - cosine) / safe),
-        where(small, _horner(SERIES_C, s), (theta - sine) / (safe * theta)),
+        elementwise_if_else(small, _evaluate_polynomial(SIN_SERIES, theta_squared), sine / theta),
+        elementwise_if_else(
+            small, _evaluate_polynomial(COS_SERIES, theta_squared), (1 - cosine) / safe
+        ),
+        elementwise_if_else(
+            small,
+            _evaluate_polynomial(THETA_MINUS_SIN_SERIES, theta_squared),
+            (theta - sine) / (safe * theta),
+        ),
     )
 
 
-def hat(w):
+def so3_hat(w):
     """Skew matrices (..., 3, 3) of w (..., 3): hat(w) p = w × p."""
     w = np.asarray(w, float)
     out = np.zeros(w.shape + (3,))
@@ -61,8 +74,8 @@ def so3_log(R):
 def so3_left_jacobian(w):
     """J (..., 3, 3) with Exp(w + dw) = Exp(J dw) Exp(w) to first order."""
     w = np.asarray(w, float)
-    K = hat(w)
-    _, b, c = exp_coefficients(np.sum(w * w, -1)[..., None, None])
+    K = so3_hat(w)
+    _, b, c = so3_exp_coefficients(np.sum(w * w, -1)[..., None, None])
     return np.eye(3) + b * K + c * (K @ K)
 
 
@@ -70,15 +83,17 @@ def so3_left_jacobian_inverse(w):
     """Inverse of so3_left_jacobian, (..., 3, 3), for |w| < 2π."""
     w = np.asarray(w, float)
     s = np.sum(w * w, -1)[..., None, None]
-    small = s < SERIES_BELOW
+    small = s < MAX_SERIES_ANGLE_RAD2
     safe = np.where(small, 1.0, s)
     half = np.sqrt(safe) / 2
-    d = np.where(small, _horner(SERIES_D, s), (1 - half / np.tan(half)) / safe)
-    K = hat(w)
+    d = np.where(
+        small, _evaluate_polynomial(INVERSE_JACOBIAN_SERIES, s), (1 - half / np.tan(half)) / safe
+    )
+    K = so3_hat(w)
     return np.eye(3) - K / 2 + d * (K @ K)
 
 
-def pose(R=None, t=None):
+def make_pose(R=None, t=None):
     """(..., 4, 4) from R (..., 3, 3) and t (..., 3); what is left out is the identity."""
     R = np.eye(3) if R is None else np.asarray(R, float)
     t = np.zeros(3) if t is None else np.asarray(t, float)
@@ -87,26 +102,26 @@ def pose(R=None, t=None):
     return T
 
 
-def from_xyz_quat(xyz, quat_xyzw):
+def pose_from_xyz_quat(xyz, quat_xyzw):
     """(..., 4, 4) from xyz (..., 3), m, and quaternions xyzw (..., 4)."""
     q = np.array(quat_xyzw, float)  # a copy: SciPy writes to what it is given
     R = Rotation.from_quat(q.reshape(-1, 4)).as_matrix().reshape(q.shape[:-1] + (3, 3))
-    return pose(R, xyz)
+    return make_pose(R, xyz)
 
 
-def to_quat(T):
+def pose_to_quat(T):
     """Quaternions xyzw (..., 4), w ≥ 0, of T (..., 4, 4)."""
     T = np.asarray(T, float)
     q = Rotation.from_matrix(T[..., :3, :3].reshape(-1, 3, 3)).as_quat(canonical=True)
     return q.reshape(T.shape[:-2] + (4,))
 
 
-def from_rpy(xyz, rpy):
+def pose_from_rpy(xyz, rpy):
     """(4, 4) from xyz, m, and roll, pitch, yaw, rad: R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    return pose(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
+    return make_pose(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
 
 
-def to_rpy(T):
+def pose_to_rpy(T):
     """Roll, pitch, yaw (3,), rad, of T (4, 4): R = Rz(yaw) Ry(pitch) Rx(roll).
 
     Where the pitch is at or near ±90° yaw and roll are not told apart, but R is still met to
@@ -122,7 +137,7 @@ def se3_exp(xi):
     """Poses (..., 4, 4) of the twists xi (..., 6)."""
     xi = np.asarray(xi, float)
     v, w = xi[..., :3], xi[..., 3:]
-    return pose(so3_exp(w), (so3_left_jacobian(w) @ v[..., None])[..., 0])
+    return make_pose(so3_exp(w), (so3_left_jacobian(w) @ v[..., None])[..., 0])
 
 
 def se3_log(T):
@@ -133,13 +148,13 @@ def se3_log(T):
     return np.concatenate([v, w], -1)
 
 
-def inverse(T):
+def invert_pose(T):
     """T_b_a (..., 4, 4) of T_a_b."""
     R_t = np.swapaxes(T[..., :3, :3], -1, -2)
-    return pose(R_t, -(R_t @ T[..., :3, 3:])[..., 0])
+    return make_pose(R_t, -(R_t @ T[..., :3, 3:])[..., 0])
 
 
-def transform(T, p):
+def transform_points(T, p):
     """Points p (..., 3) of frame b in frame a, T = T_a_b (4, 4) or broadcast against p."""
     return (T[..., :3, :3] @ np.asarray(p, float)[..., None])[..., 0] + T[..., :3, 3]
 
@@ -149,45 +164,45 @@ def adjoint(T):
     R = T[..., :3, :3]
     out = np.zeros(T.shape[:-2] + (6, 6))
     out[..., :3, :3] = out[..., 3:, 3:] = R
-    out[..., :3, 3:] = hat(T[..., :3, 3]) @ R
+    out[..., :3, 3:] = so3_hat(T[..., :3, 3]) @ R
     return out
 
 
-def angle(T):
+def rotation_angle(T):
     """Geodesic rotation angle (...), rad, of T (..., 4, 4)."""
     return np.linalg.norm(so3_log(T[..., :3, :3]), axis=-1)
 
 
-def interpolate(T0, T1, alpha):
-    """Poses at the fractions alpha (...) of the geodesic from T0 to T1 (..., 4, 4)."""
-    return T0 @ se3_exp(np.asarray(alpha)[..., None] * se3_log(inverse(T0) @ T1))
+def interpolate_poses(T0, T1, fraction):
+    """Poses at the fractions fraction (...) of the geodesic from T0 to T1 (..., 4, 4)."""
+    return T0 @ se3_exp(np.asarray(fraction)[..., None] * se3_log(invert_pose(T0) @ T1))
 
 
-def mean(T):
-    """Intrinsic mean (4, 4) of poses T (n, 4, 4), and deviations xi (n, 6): T = mean Exp(xi)."""
-    centre = T[len(T) // 2]
+def mean_pose(poses):
+    """Intrinsic mean (4, 4) of poses poses (n, 4, 4), and deviations xi (n, 6): T = mean Exp(xi)."""
+    centre = poses[len(poses) // 2]
     for _ in range(20):
-        xi = se3_log(inverse(centre) @ T)
+        xi = se3_log(invert_pose(centre) @ poses)
         step = xi.mean(0)
         centre = centre @ se3_exp(step)
         if np.abs(step).max() < 1e-14:
             break
-    return centre, se3_log(inverse(centre) @ T)
+    return centre, se3_log(invert_pose(centre) @ poses)
 
 
-def covariance_of_inverse(T_a_b, covariance):
+def inverse_pose_covariance(T_a_b, covariance):
     """Covariance (6, 6) of T_b_a, right perturbation, given that of T_a_b."""
     A = adjoint(T_a_b)
     return A @ covariance @ A.T
 
 
-def covariance_of_relative(T_r_a, T_r_b, joint):
+def relative_pose_covariance(T_r_a, T_r_b, joint_covariance):
     """Covariance (6, 6) of T_a_b = T_r_a⁻¹ T_r_b from the joint one (12, 12) of (T_r_a, T_r_b)."""
-    J = np.hstack([-adjoint(inverse(T_r_b) @ T_r_a), np.eye(6)])
-    return J @ joint @ J.T
+    J = np.hstack([-adjoint(invert_pose(T_r_b) @ T_r_a), np.eye(6)])
+    return J @ joint_covariance @ J.T
 
 
-def between(a, b):
+def rotation_between(a, b):
     """The rotation (3, 3) that turns a (3,) to the direction of b (3,), the short way."""
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
     axis, cosine = np.cross(a, b), a @ b

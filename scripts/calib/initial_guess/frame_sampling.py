@@ -6,13 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.io.status import MessageError
-from calib.views import frame_selection
+from calib.views.frame_selection import assign_frames_to_placements, select_most_different
 
-NEW_M, NEW_RAD = 0.05, np.radians(5)  # by which a placement that tells something new differs
+MIN_NEW_DISTANCE_M, MIN_NEW_ANGLE_RAD = (
+    0.05,
+    np.radians(5),
+)  # by which a placement that tells something new differs
 
 
 @dataclass(frozen=True)
-class Look:
+class FrameSample:
     """A frame (index) that was taken in a still placement of a target, T_robot_target (4, 4)."""
 
     frame: int
@@ -21,25 +24,25 @@ class Look:
     T_robot_target: np.ndarray
 
 
-def readable(looks, content_of):
+def read_samples(samples, read_frame):
     """(look, what the sensor measured) of the looks whose message can be read, in their order."""
-    for look in looks:
+    for look in samples:
         with suppress(MessageError):
-            yield look, content_of(look.frame)
+            yield look, read_frame(look.frame)
 
 
-def choose(frames, placements, T_robot_target, target, options):
+def choose_frame_samples(frames, placements, T_robot_target, target, options):
     """Looks at one target, at most options["max_placements"], the most different first.
 
     The middle frame of each placement: farthest from the moves, whatever the clocks say.
     """
-    placement = frame_selection.considered(frames, placements, target)
+    placement = assign_frames_to_placements(frames, placements, target)
     rows = np.unique(placement[placement >= 0])
-    order = frame_selection.most_different(
-        T_robot_target[rows], NEW_M, NEW_RAD, options["max_placements"]
+    order = select_most_different(
+        T_robot_target[rows], MIN_NEW_DISTANCE_M, MIN_NEW_ANGLE_RAD, options["max_placements"]
     )
     out = []
     for k in rows[order]:
         during = np.flatnonzero(placement == k)
-        out.append(Look(int(during[len(during) // 2]), target, int(k), T_robot_target[k]))
+        out.append(FrameSample(int(during[len(during) // 2]), target, int(k), T_robot_target[k]))
     return out

@@ -8,7 +8,7 @@ from calib.io.status import OK, Status
 
 
 @dataclass(frozen=True)
-class Found:
+class PoseGuess:
     """T_robot_sensor (4, 4), its σ (6,), m and rad, and in words what agrees on it; or None with
     the status that says why."""
 

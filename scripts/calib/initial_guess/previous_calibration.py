@@ -3,21 +3,22 @@
 import json
 from pathlib import Path
 
-from calib.io import pose_block, urdf_file
+from calib.io.pose_block import pose_from_config, pose_json
 from calib.io.status import InputError
+from calib.io.urdf_file import fixed_joint_transforms, read_urdf_joints, urdf_backup_path
 
 
-def read(path, config):
+def read_previous_calibration(path, config):
     """{sensor: {source, T_robot_sensor}} of a calibration.json, or {sensor: {source, static}} of a
     URDF, its fixed joints as the static transforms of log.json; config: the rig. Poses as JSON.
 
     Raises InputError for a file that is neither, or none of this rig.
     """
-    reader = _of_calibration if Path(path).suffix == ".json" else _of_urdf
+    reader = _poses_from_calibration if Path(path).suffix == ".json" else _transforms_from_urdf
     return reader(Path(path), config)
 
 
-def _of_calibration(path, config):
+def _poses_from_calibration(path, config):
     if path.resolve().is_relative_to(Path("results").resolve()):
         raise InputError(
             f"guess_from: {path}: copy it out of results/: a result that were its own first guess "
@@ -27,7 +28,7 @@ def _of_calibration(path, config):
         sensors = json.loads(path.read_text())["sensors"]
         poses = {n: s["T_robot_sensor"] for n, s in sensors.items() if s["T_robot_sensor"]}
         known = {
-            n: pose_block.pose({k: T[k] for k in ("xyz_m", "quat_xyzw")}) for n, T in poses.items()
+            n: pose_from_config({k: T[k] for k in ("xyz_m", "quat_xyzw")}) for n, T in poses.items()
         }
     except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         raise InputError(f"guess_from: {path}: no calibration.json: {error!r}") from None
@@ -37,23 +38,23 @@ def _of_calibration(path, config):
             f"sensors none: {', '.join(sorted(config['sensors']))}"
         )
     return {
-        n: {"source": path.name, "T_robot_sensor": pose_block.pose_json(known[n])}
+        n: {"source": path.name, "T_robot_sensor": pose_json(known[n])}
         for n in sorted(set(known) & set(config["sensors"]))
     }
 
 
-def _of_urdf(path, config):
+def _transforms_from_urdf(path, config):
     """What the joints were before a calibration was written into them: a first guess that followed
     from the result would run everything again each time."""
-    known = urdf_file.fixed(urdf_file.read(path.read_bytes(), path))
-    backup = urdf_file.backup_of(path)
+    known = fixed_joint_transforms(read_urdf_joints(path.read_bytes(), path))
+    backup = urdf_backup_path(path)
     if backup.is_file():
-        before = urdf_file.fixed(urdf_file.read(backup.read_bytes(), backup))
+        before = fixed_joint_transforms(read_urdf_joints(backup.read_bytes(), backup))
         known |= {edge: T for edge, T in before.items() if edge in known}
     links = {link for edge in known for link in edge}
     parent, body = config["export"].get("parent", {}), config["body"]
     if "T_parent_robot" in parent:
-        known[parent["frame"], body] = pose_block.pose(parent["T_parent_robot"])
+        known[parent["frame"], body] = pose_from_config(parent["T_parent_robot"])
     if not links & {body, parent["frame"] if "T_parent_robot" in parent else body}:
         raise InputError(
             f"guess_from: {path}: no link {body} hangs on a fixed joint; state as export.parent a "
@@ -63,7 +64,7 @@ def _of_urdf(path, config):
         {
             "parent": a,
             "child": b,
-            "T": {k: pose_block.pose_json(T)[k] for k in ("xyz_m", "quat_xyzw")},
+            "T": {k: pose_json(T)[k] for k in ("xyz_m", "quat_xyzw")},
         }
         for (a, b), T in sorted(known.items())
     ]

@@ -11,76 +11,85 @@ from pathlib import Path
 import jsonschema
 import yaml
 
-from calib.io import safe_yaml
+from calib.io.safe_yaml import load_yaml
 from calib.io.status import InputError
 
-SCHEMAS = Path(__file__).parents[3] / "workflow" / "schemas"
-LONGEST = 500  # characters of what is said of a wrong value, which may be long itself
-LARGEST = 1e18
-LOOSE_M, LOOSE_DEG = 0.1, 20  # alignment_sigma of a target from which its mount counts as unknown
+SCHEMA_FOLDER = Path(__file__).parents[3] / "workflow" / "schemas"
+MAX_MESSAGE_CHARS = 500  # characters of what is said of a wrong value, which may be long itself
+MAX_ABS_NUMBER = 1e18
+UNKNOWN_MOUNT_SIGMA_M, UNKNOWN_MOUNT_SIGMA_DEG = (
+    0.1,
+    20,
+)  # alignment_sigma of a target from which its mount counts as unknown
 
 
 @cache
-def schema(kind):
+def load_schema(kind):
     """The JSON Schema of config, rig, target, calibration or verdict."""
-    return yaml.safe_load((SCHEMAS / f"{kind}.schema.yaml").read_text())
+    return yaml.safe_load((SCHEMA_FOLDER / f"{kind}.schema.yaml").read_text())
 
 
-def _fill(validator, properties, instance, whole):
+def _fill_and_check(validator, properties, instance, parent_schema):
     """Set the defaults of absent properties, then check them as jsonschema does."""
     if isinstance(instance, dict):
         for name, sub in properties.items():
             if "default" in sub and name not in instance:
                 instance[name] = yaml.safe_load(yaml.safe_dump(sub["default"]))
     yield from jsonschema.Draft202012Validator.VALIDATORS["properties"](
-        validator, properties, instance, whole
+        validator, properties, instance, parent_schema
     )
 
 
-Validator = jsonschema.validators.extend(jsonschema.Draft202012Validator, {"properties": _fill})
+DefaultsValidator = jsonschema.validators.extend(
+    jsonschema.Draft202012Validator, {"properties": _fill_and_check}
+)
 
 
-def complete(kind, instance, where):
+def validate_and_complete(kind, instance, file_name):
     """`instance` with every default in place; `where` names the file in messages.
 
     Raises InputError with the path of the first wrong key, what is wrong, and the remedy.
     """
     if not isinstance(instance, dict):
-        raise InputError(f"{where}: holds {type(instance).__name__}, expected keys and values")
-    _finite(instance, where)
-    found = Validator(schema(kind)).iter_errors(instance)
+        raise InputError(f"{file_name}: holds {type(instance).__name__}, expected keys and values")
+    _require_finite(instance, file_name)
+    found = DefaultsValidator(load_schema(kind)).iter_errors(instance)
     errors = sorted(found, key=lambda e: list(map(str, e.path)))
     # A wrong kind or shape comes before what its own schema would have said.
     errors = [e for e in errors if not {"then", "else"} & set(e.schema_path)] or errors
     if errors:
-        raise InputError(f"{where}: {_explain(jsonschema.exceptions.best_match(errors))[:LONGEST]}")
+        raise InputError(
+            f"{file_name}: {_explain_error(jsonschema.exceptions.best_match(errors))[:MAX_MESSAGE_CHARS]}"
+        )
     return instance
 
 
-def _finite(value, where, path=()):
+def _require_finite(value, file_name, key_path=()):
     """Raise InputError for a number that is none, or that no float can hold."""
     inside = value.items() if isinstance(value, dict) else ()
     inside = enumerate(value) if isinstance(value, list) else inside
     for key, part in inside:
-        _finite(part, where, (*path, str(key)))
-    if isinstance(value, int | float) and not abs(value) < LARGEST:
-        raise InputError(f"{where}: {'.'.join(path)}: {str(value)[:20]} is no number that any has")
+        _require_finite(part, file_name, (*key_path, str(key)))
+    if isinstance(value, int | float) and not abs(value) < MAX_ABS_NUMBER:
+        raise InputError(
+            f"{file_name}: {'.'.join(key_path)}: {str(value)[:20]} is no number that any has"
+        )
 
 
-def defaults():
+def default_config_blocks():
     """The blocks of config.yaml by name as they are where nothing is stated."""
     least = {"sessions": {"any": {"rig": "any", "log": "any"}}}
-    found = complete("config", least, "defaults")
+    found = validate_and_complete("config", least, "defaults")
     return {k: v for k, v in found.items() if k != "sessions"}
 
 
-def _explain(error):
+def _explain_error(error):
     path = ".".join(str(p) for p in error.absolute_path) or "top level"
     if error.validator == "additionalProperties":
         allowed = sorted(error.schema.get("properties", {}))
         # YAML reads 007, on and 2026-03-01 as keys that are no text.
         unknown = sorted(str(k) for k in error.instance if k not in allowed)[0]
-        return f"{path}: unknown key {unknown}; {_nearest(unknown, allowed)}"
+        return f"{path}: unknown key {unknown}; {_suggest_name(unknown, allowed)}"
     if error.validator == "required":
         missing = sorted(set(error.validator_value) - set(error.instance))
         return f"{path}: missing key {missing[0]}"
@@ -97,29 +106,29 @@ def _explain(error):
     return f"{path}: {error.message}"
 
 
-def load(config, folder="config"):
+def load_config(config, folder="config"):
     """(config, rigs, targets) by name, complete, of a loaded config.yaml and its folder."""
-    config = complete("config", config, f"{folder}/config.yaml")
+    config = validate_and_complete("config", config, f"{folder}/config.yaml")
     names = sorted({s["rig"] for s in config["sessions"].values()})
-    rigs = {n: _rig(f"{folder}/rigs/{n}.yaml") for n in names}
+    rigs = {n: _load_rig(f"{folder}/rigs/{n}.yaml") for n in names}
     files = sorted(Path(folder, "targets").glob("*.yaml"))
     for file in files:
-        _check_name(file)
-    targets = {f.stem: _target(f"{folder}/targets/{f.name}") for f in files}
+        _require_valid_name(file)
+    targets = {f.stem: _load_target(f"{folder}/targets/{f.name}") for f in files}
     for name, session in config["sessions"].items():
-        session["targets"] = _choose(session.get("targets"), targets, name, "targets", folder)
+        session["targets"] = _select_names(session.get("targets"), targets, name, "targets", folder)
         sensors = rigs[session["rig"]]["sensors"]
-        session["sensors"] = _choose(session.get("sensors"), sensors, name, "sensors", folder)
+        session["sensors"] = _select_names(session.get("sensors"), sensors, name, "sensors", folder)
     return config, rigs, targets
 
 
-def _named(kind, path):
-    return complete(kind, safe_yaml.load(path), path)
+def _load_and_validate(kind, path):
+    return validate_and_complete(kind, load_yaml(path), path)
 
 
-def _rig(path):
+def _load_rig(path):
     """A rig whose files are there and whose exports name sensors that it has."""
-    rig = _named("rig", path)
+    rig = _load_and_validate("rig", path)
     export, sensors = rig["export"], rig["sensors"]
     for key, file in (("guess_from", rig.get("guess_from")), ("export.urdf", export.get("urdf"))):
         if file and not Path(file).is_file():
@@ -129,16 +138,18 @@ def _rig(path):
         named["export.parent"] = [export["parent"]["sensor"]]
     for key, names in named.items():
         for name in sorted(set(names) - set(sensors)):
-            raise InputError(f"{path}: {key}: no sensor {name}; {_nearest(name, sensors)}")
+            raise InputError(f"{path}: {key}: no sensor {name}; {_suggest_name(name, sensors)}")
     return rig
 
 
-def _target(path):
+def _load_target(path):
     """A target; a template that it names is known by its content, so that a change re-runs. One
     whose place in its body is stated so loosely that nothing can be found by it has none."""
-    target = _named("target", path)
+    target = _load_and_validate("target", path)
     loose = target["alignment_sigma"]
-    if target.get("pattern") and (loose["xyz_m"] > LOOSE_M or loose["rpy_deg"] > LOOSE_DEG):
+    if target.get("pattern") and (
+        loose["xyz_m"] > UNKNOWN_MOUNT_SIGMA_M or loose["rpy_deg"] > UNKNOWN_MOUNT_SIGMA_DEG
+    ):
         target["mount"] = "unknown"
     template = target["points"].get("template_file")
     if template:
@@ -148,25 +159,25 @@ def _target(path):
     return target
 
 
-def _check_name(file):
+def _require_valid_name(file):
     """Raise InputError unless the stem of a file can name what the file holds."""
-    for error in Validator(schema("config")["$defs"]["name"]).iter_errors(file.stem):
-        raise InputError(_explain(error).replace("top level", str(file), 1))
+    for error in DefaultsValidator(load_schema("config")["$defs"]["name"]).iter_errors(file.stem):
+        raise InputError(_explain_error(error).replace("top level", str(file), 1))
 
 
-def _choose(wanted, known, session, what, folder):
-    if not known:
-        raise InputError(f"{folder}/{what}: no file there; a calibration needs at least one")
+def _select_names(wanted, available, session, key, folder):
+    if not available:
+        raise InputError(f"{folder}/{key}: no file there; a calibration needs at least one")
     for name in wanted or ():
-        if name not in known:
+        if name not in available:
             raise InputError(
-                f"{folder}/config.yaml: sessions.{session}.{what}: no {name} there; "
-                + _nearest(name, known)
+                f"{folder}/config.yaml: sessions.{session}.{key}: no {name} there; "
+                + _suggest_name(name, available)
             )
-    return sorted(wanted or known)
+    return sorted(wanted or available)
 
 
-def _nearest(name, known):
+def _suggest_name(name, available):
     """What to say of a name that is not among those known."""
-    near = difflib.get_close_matches(name, known, 1)
-    return f"did you mean {near[0]}?" if near else f"known: {', '.join(sorted(known))}"
+    near = difflib.get_close_matches(name, available, 1)
+    return f"did you mean {near[0]}?" if near else f"known: {', '.join(sorted(available))}"

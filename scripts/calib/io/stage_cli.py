@@ -9,21 +9,21 @@ import sys
 import time
 from pathlib import Path
 
-from calib.io import atomic_files
-from calib.io.status import InputError, printable
+from calib.io.atomic_files import write_file
+from calib.io.status import InputError, escape_control_characters
 
 logger = logging.getLogger("calib")
 # When the interpreter started: until here it has only been computing.
-BEGIN = time.perf_counter() - time.process_time()
+PROCESS_START_S = time.perf_counter() - time.process_time()
 
 
-def parser(doc, **arguments):
+def make_argument_parser(description, **arguments):
     """A parser with the stage's docstring as help; each argument is --name with its help text.
 
     A help text that begins with "*" makes the argument take any number of values.
     """
     p = argparse.ArgumentParser(
-        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     for name, text in arguments.items():
         flag = "--" + name.replace("_", "-")
@@ -36,17 +36,17 @@ def parser(doc, **arguments):
     return p
 
 
-class Printable(logging.Formatter):
+class EscapingFormatter(logging.Formatter):
     """Lines that may hold names from a log."""
 
     def format(self, record):
-        return printable(super().format(record))
+        return escape_control_characters(super().format(record))
 
 
-def run(main):
+def run_stage(main):
     """Call a stage's main: a wrong input ends in one clear line and exit code 1, not in a trace."""
     logging.basicConfig(stream=sys.stderr, level=logging.INFO)
-    logging.getLogger().handlers[0].setFormatter(Printable("%(message)s"))
+    logging.getLogger().handlers[0].setFormatter(EscapingFormatter("%(message)s"))
     try:
         main()
         _log_cost(Path(sys.argv[0]).stem)
@@ -58,12 +58,12 @@ def run(main):
 def _log_cost(name):
     """What the job took since the interpreter started, as its log's last line."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
-    wall = time.perf_counter() - BEGIN
+    wall = time.perf_counter() - PROCESS_START_S
     cost = wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
     logger.info("%s took %.2f s, %.2f s CPU, %.0f MB", name, *cost)
 
 
-def limit_threads():
+def limit_opencv_threads():
     """Hold OpenCV to the threads that Snakemake granted; it does not ask by itself."""
     import cv2
 
@@ -73,7 +73,7 @@ def limit_threads():
 def write_json(path, content):
     """Write content as sorted, indented JSON; NaN and infinity are an error."""
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n"
-    atomic_files.write(path, text)
+    write_file(path, text)
 
 
 def read_json(path):

@@ -41,33 +41,35 @@ class Status:
 OK = Status()
 
 
-def failed(reason, found="", expected="", remedy=""):
+def failure_status(reason, found="", expected="", remedy=""):
     """A status that is not ok."""
     return Status(False, reason, str(found), str(expected), remedy)
 
 
 @contextmanager
-def as_defined(name):
+def guard_message_fields(type_name):
     """Raises MessageError where a message of the type so named lacks what its type should have: a
     log brings its own definitions, and they may be damaged or of another version."""
     try:
         yield
     except (AttributeError, TypeError, ValueError) as error:
-        raise MessageError(f"{name} is not defined as ROS does it ({in_a_line(error)})") from error
+        raise MessageError(
+            f"{type_name} is not defined as ROS does it ({summarize_error(error)})"
+        ) from error
 
 
-def printable(text):
+def escape_control_characters(text):
     """A text without what a terminal would obey: control and format characters are written out.
 
     Names from a log or a config may hold any.
     """
-    return "".join(c if category(c)[0] != "C" or c == "\n" else _written(c) for c in text)
+    return "".join(c if category(c)[0] != "C" or c == "\n" else _escape_character(c) for c in text)
 
 
-def _written(character):
+def _escape_character(character):
     return character.encode("unicode_escape", "surrogatepass").decode()
 
 
-def in_a_line(error):
+def summarize_error(error):
     """What a library said of foreign bytes, short and without line breaks."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"[:200]

@@ -1,28 +1,32 @@
 """Bodies in the map, through the frames that they are given in."""
 
 
-def bodies(edges, static, map_frame, wanted, max_gap):
+def bodies_in_map(columns_by_edge, static_poses, map_frame, wanted_bodies, max_gap_ns):
     """{body: columns of mocap.parquet but `body`} of all that are given in the map, and of those
     wanted that a chain of edges leads to.
 
-    edges: {(parent, child): columns with faults}; static: {(parent, child): pose block}; max_gap,
+    columns_by_edge: {(parent, child): columns with faults}; static_poses: {(parent, child): pose block}; max_gap,
     ns: the longest over which a frame in between is interpolated.
     """
-    out = {child: edges[parent, child] for parent, child in edges if parent == map_frame}
-    for body in sorted(set(wanted) - set(out)):
-        chain = _chain({*edges, *static}, map_frame, body)
+    out = {
+        child: columns_by_edge[parent, child]
+        for parent, child in columns_by_edge
+        if parent == map_frame
+    }
+    for body in sorted(set(wanted_bodies) - set(out)):
+        chain = _find_edge_chain({*columns_by_edge, *static_poses}, map_frame, body)
         if chain:
-            from calib.mocap import (
-                body_poses_in_map,  # 0.5 s of SciPy, which most logs need not pay
-            )
+            from calib.mocap import body_poses_in_map
 
-            found = body_poses_in_map.composed(chain, edges, static, max_gap)
+            found = body_poses_in_map.compose_body_poses(
+                chain, columns_by_edge, static_poses, max_gap_ns
+            )
             if found:
                 out[body] = found
     return dict(sorted(out.items()))
 
 
-def _chain(edges, map_frame, body):
+def _find_edge_chain(edges, map_frame, body):
     """Edges from the map down to a body, or None."""
     chain, frame, seen = [], body, {body}
     parents = {}

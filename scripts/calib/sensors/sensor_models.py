@@ -1,28 +1,28 @@
 """Cameras and lidars from the sensor blocks of a rig's config."""
 
 from calib.io.status import InputError
-from calib.sensors.camera.camera_model import Camera
-from calib.sensors.lidar.lidar_model import Lidar
+from calib.sensors.camera.camera_model import CameraModel
+from calib.sensors.lidar.lidar_model import LidarModel
 
 
-def camera(config):
+def camera_from_config(config):
     """The Camera of a sensor block; raises InputError for a wrong number of params."""
     try:
-        return Camera(config["model"], tuple(config["params"]), tuple(config["size_px"]))
+        return CameraModel(config["model"], tuple(config["params"]), tuple(config["size_px"]))
     except ValueError as error:
         raise InputError(str(error)) from None
 
 
-def heard(config, found):
+def with_log_metadata(config, log_metadata):
     """A sensor block completed by what its log tells: lens (`camera`) and `layout` of clouds of
     found, which is its part of the audit or, for the lens alone, its guess.json."""
-    layout = {"layout": found["layout"]} if "layout" in found else {}
-    return config | (found.get("camera") or {}) | layout
+    layout = {"layout": log_metadata["layout"]} if "layout" in log_metadata else {}
+    return config | (log_metadata.get("camera") or {}) | layout
 
 
-SENSORS = {"camera": camera, "lidar": Lidar.from_config}
+MODEL_BUILDERS = {"camera": camera_from_config, "lidar": LidarModel.from_config}
 
 
-def model(config):
+def sensor_model_from_config(config):
     """The Camera or Lidar of a sensor block."""
-    return SENSORS[config["kind"]](config)
+    return MODEL_BUILDERS[config["kind"]](config)

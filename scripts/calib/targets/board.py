@@ -4,10 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.geometry import polygon
-from calib.targets.patterns import pattern_registry
+from calib.geometry.polygon import sample_polygon_outline, signed_polygon_distance
+from calib.targets.patterns.pattern_registry import pattern_from_config
 
-GRAZING = 1e-4  # cosine of incidence below which a beam is taken to run along the plane
+BOARD_GRAZING_COSINE = (
+    1e-4  # cosine of incidence below which a beam is taken to run along the plane
+)
 
 
 @dataclass(frozen=True)
@@ -18,30 +20,30 @@ class Board:
     vertices: np.ndarray
     thickness: float
     pattern: object
-    points: object = None
-    stated: bool = True
+    point_template: object = None
+    has_config_outline: bool = True
 
     name = "board"
     color = None
-    turns = ()
+    symmetry_axes = ()
 
     @classmethod
     def from_config(cls, config):
-        pattern = pattern_registry.from_config(config["pattern"]) if config.get("pattern") else None
+        pattern = pattern_from_config(config["pattern"]) if config.get("pattern") else None
         stated = "outline_m" in config
         vertices = np.asarray(config["outline_m"], float) if stated else pattern.outline
-        return cls(vertices, config["thickness_m"], pattern, stated=stated)
+        return cls(vertices, config["thickness_m"], pattern, has_config_outline=stated)
 
     @property
     def centre(self):
         return np.append((self.vertices.min(0) + self.vertices.max(0)) / 2, 0.0)
 
     @property
-    def reach(self):
+    def bounding_radius(self):
         return np.linalg.norm(self.vertices - self.centre[:2], axis=1).max()
 
     @property
-    def size(self):
+    def extents(self):
         """Largest width and the width across it."""
         spread = self.vertices[:, None] - self.vertices[None]
         far = np.unravel_index(np.linalg.norm(spread, axis=-1).argmax(), spread.shape[:2])
@@ -56,43 +58,43 @@ class Board:
     def outline_points(self):
         return np.column_stack([self.vertices, np.zeros(len(self.vertices))])
 
-    def distance(self, x, y, z):
+    def surface_distance(self, x, y, z):
         return z
 
-    def gap(self, q, beam):
+    def distance_along_beam(self, points, beam):
         # Smoothly held away from zero, for beams along the plane.
-        return q[2] * -beam[2] / (beam[2] * beam[2] + GRAZING**2), -beam[2]
+        return points[2] * -beam[2] / (beam[2] * beam[2] + BOARD_GRAZING_COSINE**2), -beam[2]
 
-    def depth(self, q):
-        return -polygon.signed_distance(self.vertices, q[:, :2])
+    def distance_inside_rim(self, points):
+        return -signed_polygon_distance(self.vertices, points[:, :2])
 
-    def near_ends(self, q, reach):
-        return np.zeros(len(q), bool)
+    def is_near_cap(self, points, reach):
+        return np.zeros(len(points), bool)
 
-    def faces(self, p):
-        direction = p - self.centre
+    def check_facing(self, sensor_position):
+        direction = sensor_position - self.centre
         cosine = direction[2] / np.linalg.norm(direction)
         return cosine > 0, cosine
 
-    def image_points(self):
+    def required_image_points(self):
         return np.zeros((0, 3)) if self.pattern is None else self.pattern.corners()
 
-    def template(self, spacing):
+    def sample_surface(self, spacing):
         """A grid over the face, and the outline itself, so that it ends where the board does."""
         low, high = self.vertices.min(0), self.vertices.max(0)
         x, y = (np.arange(a, b, spacing) for a, b in zip(low, high, strict=True))
         grid = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-        inside = grid[polygon.signed_distance(self.vertices, grid) < -spacing / 2]
-        flat = np.concatenate([inside, polygon.along(self.vertices, spacing)])
+        inside = grid[signed_polygon_distance(self.vertices, grid) < -spacing / 2]
+        flat = np.concatenate([inside, sample_polygon_outline(self.vertices, spacing)])
         return np.column_stack([flat, np.zeros(len(flat))])
 
-    def edges(self):
-        if not self.stated:
+    def outline_edges(self):
+        if not self.has_config_outline:
             return np.zeros((0, 2, 3))
         a = self.outline_points()
         return np.stack([a, np.roll(a, -1, 0)], 1)
 
-    def fit(self, points, T_sensor_target, margin, lidar, options):
+    def fit_inliers(self, points, T_sensor_target, margin, lidar, options):
         """Indices of the points (n, 3) of one cluster on the plane that holds most of them.
 
         Planes through three points drawn at random compete; one that leans farther from the
@@ -102,7 +104,7 @@ class Board:
         lean = np.cos(min(np.linalg.norm(margin[3:]), np.pi / 2))
         near = 3 * lidar.range_sigma
         rng = np.random.default_rng(options["seed"])
-        best = _best_plane(points, normal, lean, near, rng)
+        best = _ransac_plane(points, normal, lean, near, rng)
         for _ in range(5):
             if len(best) < 3:
                 return best
@@ -110,12 +112,12 @@ class Board:
             axis = np.linalg.svd(points[best] - centre, full_matrices=False)[2][2]
             if abs(axis @ normal) < lean:
                 return best[:0]
-            inside = np.linalg.norm(points - centre, axis=1) < 1.2 * self.reach + near
+            inside = np.linalg.norm(points - centre, axis=1) < 1.2 * self.bounding_radius + near
             best = np.flatnonzero((np.abs((points - centre) @ axis) < near) & inside)
         return best
 
 
-def _best_plane(points, normal, lean, near, rng, draws=300):
+def _ransac_plane(points, normal, lean, near, rng, draws=300):
     """Indices of the points within near, m, of the best of `draws` planes through three points."""
     triples = points[rng.integers(0, len(points), (draws, 3))]
     n = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])

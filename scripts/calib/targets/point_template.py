@@ -9,44 +9,44 @@ from scipy.spatial import cKDTree
 
 from calib.io.status import InputError
 
-MOST_ACROSS = 2000  # points of a template along its largest extent
+MAX_POINTS_ACROSS = 2000  # points of a template along its largest extent
 
 
 @dataclass(frozen=True)
-class Points:
+class PointTemplate:
     """template (n, 3), m, target frame; its typical spacing, m; keypoints: all or corners."""
 
-    template: np.ndarray
+    xyz: np.ndarray
     spacing: float
-    keypoints: str
+    keypoint_mode: str
 
     @cached_property
-    def tree(self):
+    def kd_tree(self):
         """For nearest template points."""
-        return cKDTree(self.template)
+        return cKDTree(self.xyz)
 
     @cached_property
-    def neighbours(self):
+    def nearest_neighbour(self):
         """Index (n,) of every template point's nearest other."""
-        return self.tree.query(self.template, k=2)[1][:, 1]
+        return self.kd_tree.query(self.xyz, k=2)[1][:, 1]
 
 
-def from_config(config, shape):
+def point_template_from_config(config, shape):
     """Points of the `points` block of a target: sampled from the shape, or read from a file."""
     path, spacing = config.get("template_file"), config["spacing_m"]
     if path is None:
-        if max(shape.size) / spacing > MOST_ACROSS:
+        if max(shape.extents) / spacing > MAX_POINTS_ACROSS:
             raise InputError(
-                f"points.spacing_m {spacing:g} is too fine for a target of {max(shape.size):g} m; "
-                f"expected {max(shape.size) / MOST_ACROSS:.2g} m or more"
+                f"points.spacing_m {spacing:g} is too fine for a target of {max(shape.extents):g} m; "
+                f"expected {max(shape.extents) / MAX_POINTS_ACROSS:.2g} m or more"
             )
-        return Points(shape.template(spacing), spacing, config["keypoints"])
-    template = read(path)
+        return PointTemplate(shape.sample_surface(spacing), spacing, config["keypoints"])
+    template = read_template_file(path)
     between = float(np.median(cKDTree(template).query(template, k=2)[0][:, 1]))
-    return Points(template, between, config["keypoints"])
+    return PointTemplate(template, between, config["keypoints"])
 
 
-def read(path):
+def read_template_file(path):
     """Points (n, 3), m, of a PCD or PLY file; raises InputError where there are none."""
     import open3d as o3d  # 2 s, which only targets with such a file should pay
 

@@ -29,14 +29,17 @@ To add a shape: write calib/targets/<name>.py and add it to SHAPES.
 
 from dataclasses import replace
 
-from calib.targets import board, cylinder, point_template, template_cloud
+from calib.targets.board import Board
+from calib.targets.cylinder import Cylinder
+from calib.targets.point_template import point_template_from_config
+from calib.targets.template_cloud import TemplateCloud
 
-SHAPES = {"board": board.Board, "cloud": template_cloud.Cloud, "cylinder": cylinder.Cylinder}
+TARGET_SHAPES = {"board": Board, "cloud": TemplateCloud, "cylinder": Cylinder}
 
 
-def from_config(config):
+def target_from_config(config):
     """The target of one config/targets/*.yaml."""
-    shape = SHAPES[config["shape"]].from_config(config)
+    shape = TARGET_SHAPES[config["shape"]].from_config(config)
     if config.get("method", "surface") == "surface":
         return shape
-    return replace(shape, points=point_template.from_config(config["points"], shape))
+    return replace(shape, point_template=point_template_from_config(config["points"], shape))

@@ -5,19 +5,20 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
-from calib.geometry import icp, se3
+from calib.geometry.icp import register_template_icp
+from calib.geometry.se3 import invert_pose, rotation_angle, transform_points
 
 
 @dataclass(frozen=True)
-class Cloud:
+class TemplateCloud:
     """points: the template that stands for the shape (targets.points.Points), set on loading."""
 
-    points: object = None
+    point_template: object = None
 
     name = "shape"
     pattern = None
     color = None
-    turns = ()
+    symmetry_axes = ()
 
     @classmethod
     def from_config(cls, config):
@@ -25,45 +26,45 @@ class Cloud:
 
     @property
     def centre(self):
-        template = self.points.template
+        template = self.point_template.xyz
         return (template.min(0) + template.max(0)) / 2
 
     @property
-    def reach(self):
-        return np.linalg.norm(self.points.template - self.centre, axis=1).max()
+    def bounding_radius(self):
+        return np.linalg.norm(self.point_template.xyz - self.centre, axis=1).max()
 
     @property
-    def size(self):
+    def extents(self):
         """Extents along its main axes."""
-        centred = self.points.template - self.points.template.mean(0)
+        centred = self.point_template.xyz - self.point_template.xyz.mean(0)
         axes = np.linalg.svd(centred, full_matrices=False)[2]
         return np.sort(np.ptp(centred @ axes.T, axis=0))[::-1]
 
     @property
     def area(self):
-        return self.size[0] * self.size[1]
+        return self.extents[0] * self.extents[1]
 
     def outline_points(self):
-        template = self.points.template
+        template = self.point_template.xyz
         return template[ConvexHull(template, qhull_options="QJ").vertices]
 
-    def image_points(self):
+    def required_image_points(self):
         return np.zeros((0, 3))
 
-    def template(self, spacing):
+    def sample_surface(self, spacing):
         """Its own points: what was recorded is not thinned or filled."""
-        return self.points.template
+        return self.point_template.xyz
 
-    def faces(self, p):
-        return np.linalg.norm(p - self.centre) > self.reach, 1.0
+    def check_facing(self, sensor_position):
+        return np.linalg.norm(sensor_position - self.centre) > self.bounding_radius, 1.0
 
-    def edges(self):
+    def outline_edges(self):
         return np.zeros((0, 2, 3))
 
-    def fit(self, points, T_sensor_target, margin, lidar, options):
+    def fit_inliers(self, points, T_sensor_target, margin, lidar, options):
         """Indices of the points (n, 3) of one cluster near the template that ICP laid on them."""
-        T = icp.icp(self.points, points, T_sensor_target)
-        if se3.angle(se3.inverse(T_sensor_target) @ T) > np.linalg.norm(margin[3:]):
+        T = register_template_icp(self.point_template, points, T_sensor_target)
+        if rotation_angle(invert_pose(T_sensor_target) @ T) > np.linalg.norm(margin[3:]):
             return np.zeros(0, int)
-        near = cKDTree(se3.transform(T, self.points.template)).query(points)[0]
-        return np.flatnonzero(near < 3 * lidar.range_sigma + self.points.spacing)
+        near = cKDTree(transform_points(T, self.point_template.xyz)).query(points)[0]
+        return np.flatnonzero(near < 3 * lidar.range_sigma + self.point_template.spacing)

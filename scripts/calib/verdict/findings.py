@@ -2,9 +2,9 @@
 
 import numpy as np
 
-LEVELS = ("pass", "warn", "fail")
-MM, PERCENT, DEG = 1e3, 100.0, np.degrees(1.0)
-REMEDY = {
+VERDICT_LEVELS = ("pass", "warn", "fail")
+M_TO_MM, SHARE_TO_PERCENT, RAD_TO_DEG = 1e3, 100.0, np.degrees(1.0)
+REMEDY_BY_CHECK = {
     "rejected": "see what was left out and where (Residuals): a stand, a hand, a wrong size or "
     "mount of a target, or wrong lens parameters",
     "rejected edge": "measure outline_m, and see where the crossings lie (Residuals)",
@@ -26,27 +26,27 @@ REMEDY = {
 }
 
 
-def worst(levels):
+def worst_level(levels):
     """The gravest of some levels; pass of none."""
-    return max(levels, key=LEVELS.index, default="pass")
+    return max(levels, key=VERDICT_LEVELS.index, default="pass")
 
 
-def level(value, limits, key, large_is_bad=True):
+def level_by_limits(value, limits, key, is_large_bad=True):
     """What a value is by the limits warn_<key> and fail_<key>; one that is no number fails."""
     for grave in ("fail", "warn"):
         limit = limits[f"{grave}_{key}"]
-        if not (value <= limit if large_is_bad else value >= limit):
+        if not (value <= limit if is_large_bad else value >= limit):
             return grave
     return "pass"
 
 
-def finding(check, sensors, found, text, remedy, value=None, limit=None):
+def make_finding(check, sensors, level, text, remedy, value=None, limit=None):
     """One entry of the verdict; sensors: names of those whose level it concerns."""
     return {
         "check": check,
         "sensor": sensors[0] if len(sensors) == 1 else None,
         "sensors": sensors,
-        "level": found,
+        "level": level,
         "value": value,
         "limit": limit,
         "text": text,
@@ -54,15 +54,25 @@ def finding(check, sensors, found, text, remedy, value=None, limit=None):
     }
 
 
-def measured(name, value, limits, check, words, scale=1.0, unit="", large=True, remedy=None):
+def check_limit(
+    name,
+    value,
+    limits,
+    check,
+    description,
+    display_factor=1.0,
+    unit="",
+    is_large_bad=True,
+    remedy=None,
+):
     """[finding] of a value that is beyond its limits, else []."""
-    found = level(value, limits, check, large)
+    found = level_by_limits(value, limits, check, is_large_bad)
     if found == "pass":
         return []
     limit = limits[f"{found}_{check}"]
-    side = "above" if large else "below"
-    shown, most = (f"{v * scale:.3g}{unit}" for v in (value, limit))
-    text = f"{words} {shown}, {found} {side} {most}"
+    side = "above" if is_large_bad else "below"
+    shown, most = (f"{v * display_factor:.3g}{unit}" for v in (value, limit))
+    text = f"{description} {shown}, {found} {side} {most}"
     text = f"{name}: {text}" if name else text
-    remedy = REMEDY[check] if remedy is None else remedy
-    return [finding(check, [name] if name else [], found, text, remedy, value, limit)]
+    remedy = REMEDY_BY_CHECK[check] if remedy is None else remedy
+    return [make_finding(check, [name] if name else [], found, text, remedy, value, limit)]

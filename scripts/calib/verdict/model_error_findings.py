@@ -2,45 +2,52 @@
 
 import numpy as np
 
-from calib.estimation.corrections import clock_offset
-from calib.verdict.findings import DEG, MM, PERCENT, finding, level
+from calib.estimation.corrections.clock_offset import TIME_OFFSET
+from calib.verdict.findings import (
+    M_TO_MM,
+    RAD_TO_DEG,
+    SHARE_TO_PERCENT,
+    level_by_limits,
+    make_finding,
+)
 
 
-def of_suspicion(suspected, solution, limits):
+def suspected_error_findings(error, solution, limits):
     """Findings on one suspicion of solution.json: one that is sure, and that matters."""
-    if suspected["chance"] > limits["warn_suspicion_chance"]:
+    if error["chance"] > limits["warn_suspicion_chance"]:
         return []
-    if suspected["name"] == clock_offset.CLOCK:
-        return _of_clock(suspected, limits)
-    shift = suspected["shift"]
+    if error["name"] == TIME_OFFSET:
+        return _clock_error_findings(error, limits)
+    shift = error["shift"]
     moved = {
         n: s
         for n, s in shift.items()
         if s["sigmas"] > limits["warn_shift_sigma"] and s["m"] > limits["warn_shift_m"]
     }
-    widened = _widened(suspected, solution, limits)
+    widened = _explained_noise(error, solution, limits)
     if not moved and not widened:
         return []
     grave = [
         n
         for n, s in moved.items()
-        if s["m"] > limits["fail_sigma_m"] or s["rad"] * DEG > limits["fail_sigma_deg"]
+        if s["m"] > limits["fail_sigma_m"] or s["rad"] * RAD_TO_DEG > limits["fail_sigma_deg"]
     ]
     effect = [
-        f"would move {n} by {s['m'] * MM:.2g} mm and {s['rad'] * DEG:.2g}°"
+        f"would move {n} by {s['m'] * M_TO_MM:.2g} mm and {s['rad'] * RAD_TO_DEG:.2g}°"
         for n, s in sorted(moved.items())
     ]
-    effect += [f"would explain {v * PERCENT:.0f} % of {_words(k)}" for k, v in widened.items()]
-    rivals = "".join(f"; or {r['text']}" for r in suspected["rivals"])
-    text = f"probably {suspected['text']}: mending it {' and '.join(effect)}{rivals}"
-    remedy = "; ".join(
-        dict.fromkeys([suspected["remedy"], *(r["remedy"] for r in suspected["rivals"])])
-    )
+    effect += [
+        f"would explain {v * SHARE_TO_PERCENT:.0f} % of {_describe_noise_name(k)}"
+        for k, v in widened.items()
+    ]
+    rivals = "".join(f"; or {r['text']}" for r in error["rivals"])
+    text = f"probably {error['text']}: mending it {' and '.join(effect)}{rivals}"
+    remedy = "; ".join(dict.fromkeys([error["remedy"], *(r["remedy"] for r in error["rivals"])]))
     sensors = sorted(grave or (set(moved) | {w.split("/")[0] for w in widened if "/" in w}))
-    return [finding("suspicion", sensors, "fail" if grave else "warn", text, remedy)]
+    return [make_finding("suspicion", sensors, "fail" if grave else "warn", text, remedy)]
 
 
-def _of_clock(suspected, limits):
+def _clock_error_findings(suspected, limits):
     """The finding on a clock that is off and not to be estimated, if by much."""
     (late,), name = suspected["estimate"], suspected["of"]
     if abs(late) < limits["warn_clock_s"]:
@@ -50,16 +57,16 @@ def _of_clock(suspected, limits):
         "placements hardly feel it, whoever uses scans or images in motion does"
     )
     limit = limits["warn_clock_s"]
-    return [finding("offset_s", [name], "warn", text, suspected["remedy"], abs(late), limit)]
+    return [make_finding("offset_s", [name], "warn", text, suspected["remedy"], abs(late), limit)]
 
 
-def _words(noise):
+def _describe_noise_name(noise):
     """`the edge residuals of lidar` for `lidar/edge`."""
     sensor, _, kind = noise.partition("/")
     return f"the {kind} residuals of {sensor}" if kind else "the errors of the MCS poses"
 
 
-def _widened(suspected, solution, limits):
+def _explained_noise(suspected, solution, limits):
     """{noise: share} of the noises that are far above the configured and that it explains."""
     factors = {"mocap": solution["noise"]["mocap_factor"]}
     for name, sensor in solution["sensors"].items():
@@ -71,26 +78,26 @@ def _widened(suspected, solution, limits):
     }
 
 
-def of_target(name, target, limits):
+def target_mount_findings(name, target, limits):
     """Findings on a target whose place in its body was estimated, and had been stated."""
     if target is None or target["prior"] is None:
         return []
     shift, prior = np.array(target["shift"]), np.array(target["prior"])
     value = float((np.abs(shift) / prior).max())
-    found = level(value, limits, "correction_sigma")
+    found = level_by_limits(value, limits, "correction_sigma")
     if found == "pass":
-        return of_mount(name, target["open"])
+        return undetermined_mount_findings(name, target["open"])
     limit = limits[f"{found}_correction_sigma"]
-    mm, deg = np.linalg.norm(shift.reshape(2, 3), axis=1) * [MM, DEG]
+    mm, deg = np.linalg.norm(shift.reshape(2, 3), axis=1) * [M_TO_MM, RAD_TO_DEG]
     text = (
         f"{name} sits {mm:.2g} mm and {deg:.2g}° from where T_body_target says, {value:.3g} of its "
         f"alignment_sigma, {found} above {limit:.3g}; the estimate counts"
     )
     remedy = f"write T_body_target of {name} as estimated, or see what else is wrong if it is sure"
-    return [finding("alignment", [], found, text, remedy, value, limit)]
+    return [make_finding("alignment", [], found, text, remedy, value, limit)]
 
 
-def of_mount(name, directions):
+def undetermined_mount_findings(name, directions):
     """The finding on what nothing tells of a target's place in its body, if there is any."""
     if not directions:
         return []
@@ -99,10 +106,10 @@ def of_mount(name, directions):
         "alignment_sigma stands in the σ of the sensors, as all placements turn alike"
     )
     remedy = f"tilt {name} by 30° or more about two other axes in some placements, and record again"
-    return [finding("alignment", [], "warn", text, remedy, None, None)]
+    return [make_finding("alignment", [], "warn", text, remedy, None, None)]
 
 
-def of_sessions(rows, limits):
+def repeatability_findings(rows, limits):
     """Findings on sensors whose pose is another in one session than in the others."""
     worst_of = {}
     for row in sorted(rows, key=lambda r: r["chance"]):
@@ -112,9 +119,9 @@ def of_sessions(rows, limits):
         m, rad = np.linalg.norm(np.reshape(row["shift"], (2, 3)), axis=1)
         if row["chance"] > limits["warn_suspicion_chance"] or m < limits["warn_shift_m"]:
             continue
-        grave = m > limits["fail_sigma_m"] or rad * DEG > limits["fail_sigma_deg"]
+        grave = m > limits["fail_sigma_m"] or rad * RAD_TO_DEG > limits["fail_sigma_deg"]
         text = (
-            f"{name} sits {m * MM:.2g} mm and {rad * DEG:.2g}° elsewhere in session "
+            f"{name} sits {m * M_TO_MM:.2g} mm and {rad * RAD_TO_DEG:.2g}° elsewhere in session "
             f"{row['session']} than in the others"
         )
         remedy = (
@@ -122,5 +129,5 @@ def of_sessions(rows, limits):
             "calibrate what comes after by itself; if all sensors moved alike, the robot's markers "
             f"did: write sessions.{row['session']}.remounted: true"
         )
-        out.append(finding("moved", [name], "fail" if grave else "warn", text, remedy))
+        out.append(make_finding("moved", [name], "fail" if grave else "warn", text, remedy))
     return out

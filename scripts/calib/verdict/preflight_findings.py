@@ -2,111 +2,140 @@
 
 import numpy as np
 
-from calib.diagnosis import observability
-from calib.geometry import se3
-from calib.io import pose_block
-from calib.verdict import findings, model_error_findings, rig_verdict
+from calib.diagnosis.observability import (
+    MOUNT_DIRECTION_NAMES,
+    advise_views,
+    direction_spread_deg,
+    normals_and_axes,
+    rotation_spread_deg,
+    single_rotation_axis,
+)
+from calib.geometry.se3 import pose_from_xyz_quat
+from calib.io.pose_block import pose_from_config
+from calib.verdict.findings import VERDICT_LEVELS, make_finding, worst_level
+from calib.verdict.model_error_findings import undetermined_mount_findings
+from calib.verdict.rig_verdict import CHECKS_BY_IMPORTANCE, view_findings
 
-AXIS = 0.9  # least component of a direction that is named by one axis
-NO_MOTION = "clock not observable: no relative motion in its view"
-MOVE = "carry target or robot on smoothly between placements, 0.1 to 0.5 m/s, in its view"
+MIN_AXIS_COSINE = 0.9  # least component of a direction that is named by one axis
+NO_MOTION_TEXT = "clock not observable: no relative motion in its view"
+NO_MOTION_REMEDY = (
+    "carry target or robot on smoothly between placements, 0.1 to 0.5 m/s, in its view"
+)
 
 
-def of_rig(sessions, looks, options):
+def preflight_rig_findings(sessions, visibility, options):
     """(level, findings in order of importance, level per sensor) before anything is solved; it
     fails where no sensor can be calibrated.
 
-    sessions: {name: looks.Session}; looks: {sensor: {session: looks.Look}}; options: of
+    sessions: {name: looks.Session}; visibility: {sensor: {session: looks.Look}}; options: of
     scripts/preflight.py.
     """
-    found = [*statuses(looks, len(sessions)), *of_targets(sessions, options)]
-    for name, by_session in looks.items():
-        found += of_sensor(name, list(by_session.values()), options)
+    found = [
+        *preflight_status_findings(visibility, len(sessions)),
+        *preflight_target_findings(sessions, options),
+    ]
+    for name, by_session in visibility.items():
+        found += preflight_sensor_findings(name, list(by_session.values()), options)
     found.sort(
-        key=lambda f: (-findings.LEVELS.index(f["level"]), rig_verdict.CHECKS.index(f["check"]))
+        key=lambda f: (-VERDICT_LEVELS.index(f["level"]), CHECKS_BY_IMPORTANCE.index(f["check"]))
     )
-    levels = {n: findings.worst(f["level"] for f in found if n in f["sensors"]) for n in looks}
+    levels = {n: worst_level(f["level"] for f in found if n in f["sensors"]) for n in visibility}
     if set(levels.values()) == {"fail"}:
         return "fail", found, levels
     return ("warn" if found else "pass"), found, levels
 
 
-def statuses(looks, sessions):
+def preflight_status_findings(visibility, n_sessions):
     """Findings on what keeps sensors from seeing anything, each told once for all of them; it fails
-    those that see nothing in any session. sessions: how many there are."""
+    those that see nothing in any session. n_sessions: how many there are."""
     told = {}
-    for name, by_session in looks.items():
+    for name, by_session in visibility.items():
         level = "warn" if any(look.status.ok for look in by_session.values()) else "fail"
         for session, look in by_session.items():
             if not look.status.ok:
                 told.setdefault((level, look.status), []).append((name, session))
-    return [_status(level, status, places, sessions) for (level, status), places in told.items()]
+    return [
+        _status_finding(level, status, places, n_sessions)
+        for (level, status), places in told.items()
+    ]
 
 
-def _status(level, status, places, sessions):
+def _status_finding(level, status, places, sessions):
     names = sorted({name for name, _ in places})
     where = sorted({session for _, session in places}) if sessions > 1 else []
     parts = [", ".join(names), *(["in " + ", ".join(where)] if where else [])]
     text = f"{' '.join(parts)}: {status.reason}"
     text += f"; found {status.found}" if status.found else ""
-    return findings.finding("status", names, level, text, status.remedy)
+    return make_finding("status", names, level, text, status.remedy)
 
 
-def of_sensor(name, looks, options):
+def preflight_sensor_findings(name, visibilities, options):
     """Findings on how many placements one sensor may see, on how their directions differ, and on
     whether anything tells its clock."""
-    looks = [look for look in looks if look.status.ok]
-    if not looks:
+    visibilities = [look for look in visibilities if look.status.ok]
+    if not visibilities:
         return []
     expected, possible = (
-        rig_verdict.of_views(name, views(looks, which), options["judge"])
-        for which in ("expected", "possible")
+        view_findings(name, visibility_summary(visibilities, which), options["judge"])
+        for which in ("expected_reasons", "possible_reasons")
     )
     # What is out of view from where the sensor is said to be may be in view from where it is.
     certain = {f["check"] for f in possible if f["level"] == "fail"}
     found = [f if f["check"] in certain else f | {"level": "warn"} for f in expected]
-    moving = sum(s.in_motion for look in looks for s in look.seen.values())
-    if options["time_offset"] and any(look.timed for look in looks) and not moving:
-        found.append(findings.finding("offset_s", [name], "warn", f"{name}: {NO_MOTION}", MOVE))
+    moving = sum(
+        s.n_moving_views for look in visibilities for s in look.visibility_by_target.values()
+    )
+    if (
+        options["time_offset"]
+        and any(look.has_measurement_time for look in visibilities)
+        and not moving
+    ):
+        found.append(
+            make_finding("offset_s", [name], "warn", f"{name}: {NO_MOTION_TEXT}", NO_MOTION_REMEDY)
+        )
     return found
 
 
-def views(looks, which):
-    """What verdict.of_views asks of a sensor with some Looks; which: expected or possible."""
-    seen = [s for look in looks for s in look.seen.values()]
-    inside = [(s.shape, T) for s in seen for T in s.T[[not why for why in getattr(s, which)]]]
+def visibility_summary(visibilities, reasons_field):
+    """What verdict.of_views asks of a sensor with some Looks; reasons_field: expected or possible."""
+    seen = [s for look in visibilities for s in look.visibility_by_target.values()]
+    inside = [
+        (s.shape, T)
+        for s in seen
+        for T in s.T_robot_target[[not why for why in getattr(s, reasons_field)]]
+    ]
     shapes, T = [shape for shape, _ in inside], np.reshape([T for _, T in inside], (-1, 4, 4))
-    kind, directions = looks[0].kind, observability.axes(shapes, T)
+    kind, directions = visibilities[0].kind, normals_and_axes(shapes, T)
     return {
         "kind": kind,
         "placements": len(shapes),
-        "tilt": observability.tilts(directions),
-        "advice": observability.advice(directions, len(shapes), kind == "lidar"),
+        "tilt": direction_spread_deg(directions),
+        "advice": advise_views(directions, len(shapes), kind == "lidar"),
     }
 
 
-def of_targets(sessions, options):
+def preflight_target_findings(sessions, options):
     """Findings on targets that are never still in a session where others are, and on those whose
     place in their body nothing tells."""
     out = []
     for name, session in sessions.items():
-        held = {t: s for t, s in session.targets.items() if session.status.ok and not s.ok}
-        if len(held) < len(session.targets):
+        held = {t: s for t, s in session.target_status.items() if session.status.ok and not s.ok}
+        if len(held) < len(session.target_status):
             out += [
-                findings.finding("status", [], "warn", f"{t} in {name}: {s.reason}", s.remedy)
+                make_finding("status", [], "warn", f"{t} in {name}: {s.reason}", s.remedy)
                 for t, s in sorted(held.items())
             ]
     for target, config in sorted(options["targets"].items()):
-        T = placed(sessions, target)
+        T = still_target_poses(sessions, target)
         told = len(T) < options["judge"]["fail_placements"] or "mount" in config
-        axis = None if told else observability.hinge(T)
+        axis = None if told else single_rotation_axis(T)
         if options["target_alignment"] and axis is not None:
-            along = pose_block.pose(config["T_body_target"])[:3, :3].T @ axis
-            out += model_error_findings.of_mount(target, [in_words(along)])
+            along = pose_from_config(config["T_body_target"])[:3, :3].T @ axis
+            out += undetermined_mount_findings(target, [describe_mount_direction(along)])
     return out
 
 
-def placed(sessions, target):
+def still_target_poses(sessions, target):
     """T_robot_body (n, 4, 4) of all placements of a target."""
     columns = [s.placements for s in sessions.values()]
     rows = [(p["target"] == target) & (p["kind"] == "still") for p in columns]
@@ -114,61 +143,69 @@ def placed(sessions, target):
         np.concatenate([p[k][r].reshape(-1, n) for p, r in zip(columns, rows, strict=True)])
         for k, n in (("xyz", 3), ("quat", 4))
     )
-    return se3.from_xyz_quat(xyz, quat)
+    return pose_from_xyz_quat(xyz, quat)
 
 
-def in_words(direction):
+def describe_mount_direction(direction):
     """A target's place along a unit vector (3,) of its frame."""
     axis = int(np.abs(direction).argmax())
-    if abs(direction[axis]) > AXIS:
-        return observability.MOUNT[axis]
+    if abs(direction[axis]) > MIN_AXIS_COSINE:
+        return MOUNT_DIRECTION_NAMES[axis]
     return f"its place along ({', '.join(f'{v:.2f}' for v in direction)})"
 
 
-def turns(sessions, options):
+def target_turns_json(sessions, options):
     """{target: {placements, turns_deg}} for preflight.json: by how much it turns in front of the
     robot about its three main axes, rms, or null where there are too few placements to say."""
     out = {}
     for target in sorted(options["targets"]):
-        T = placed(sessions, target)
-        rms = observability.turns(T)[0].tolist() if len(T) > 2 else None
+        T = still_target_poses(sessions, target)
+        rms = rotation_spread_deg(T)[0].tolist() if len(T) > 2 else None
         out[target] = {"placements": len(T), "turns_deg": rms}
     return out
 
 
-def numbers(looks):
+def sensor_visibility_json(visibility):
     """{sensor: {placements, tilt_deg, views_in_motion, sessions}} for preflight.json: how many
     placements are in view as stated and at most, by how much the directions of the targets differ
     in these, and session by session what is seen and what lost, and why."""
     out = {}
-    for name, by_session in looks.items():
+    for name, by_session in visibility.items():
         good = [look for look in by_session.values() if look.status.ok]
-        stated = all(s.stated for look in good for s in look.seen.values())
+        stated = all(s.has_known_pose for look in good for s in look.visibility_by_target.values())
         out[name] = {
             "placements": {
-                "expected": views(good, "expected")["placements"] if good and stated else None,
-                "possible": views(good, "possible")["placements"] if good else 0,
+                "expected": visibility_summary(good, "expected_reasons")["placements"]
+                if good and stated
+                else None,
+                "possible": visibility_summary(good, "possible_reasons")["placements"]
+                if good
+                else 0,
             },
-            "tilt_deg": views(good, "possible")["tilt"] if good else {},
-            "views_in_motion": sum(s.in_motion for look in good for s in look.seen.values()),
-            "sessions": {session: _session(look) for session, look in by_session.items()},
+            "tilt_deg": visibility_summary(good, "possible_reasons")["tilt"] if good else {},
+            "views_in_motion": sum(
+                s.n_moving_views for look in good for s in look.visibility_by_target.values()
+            ),
+            "sessions": {
+                session: _session_visibility_json(look) for session, look in by_session.items()
+            },
         }
     return out
 
 
-def _session(look):
+def _session_visibility_json(look):
     return {
         "status": look.status.to_dict(),
-        "pose_from": look.source,
-        "during_mocap": look.known,
+        "pose_from": look.pose_source,
+        "during_mocap": look.mocap_coverage,
         "targets": {
             name: {
-                "placements": len(s.T),
-                "expected": s.expected.count("") if s.stated else None,
-                "possible": s.possible.count(""),
-                "lost": s.lost(),
-                "views_in_motion": s.in_motion,
+                "placements": len(s.T_robot_target),
+                "expected": s.expected_reasons.count("") if s.has_known_pose else None,
+                "possible": s.possible_reasons.count(""),
+                "lost": s.count_lost_placements(),
+                "views_in_motion": s.n_moving_views,
             }
-            for name, s in look.seen.items()
+            for name, s in look.visibility_by_target.items()
         },
     }

@@ -5,20 +5,30 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib.initial_guess.pose_guess import Found
-from calib.initial_guess.stated_pose import stated
-from calib.io import parquet_tables
-from calib.io.status import Status, failed
-from calib.mocap import body_trajectory
-from calib.sensors import sensor_models
-from calib.targets import target_shapes
-from calib.views import frame_selection, moving_view_selection, sensor_reader
+from calib.initial_guess.pose_guess import PoseGuess
+from calib.initial_guess.stated_pose import read_pose_guess
+from calib.io.parquet_tables import select_rows
+from calib.io.status import Status, failure_status
+from calib.mocap.body_trajectory import target_trajectories, trajectory_from_columns
+from calib.sensors.sensor_models import with_log_metadata
+from calib.targets.target_shapes import target_from_config
+from calib.views.frame_selection import (
+    assign_frames_to_placements,
+    compute_target_poses,
+    mounts_from_guess,
+    select_frames,
+    trim_placement_ends,
+    visibility_status,
+    with_mocap_time,
+)
+from calib.views.moving_view_selection import select_moving_views
+from calib.views.sensor_reader import CROPPERS
 
-NO_FRAME = "no message of the sensor while it is still"
+NO_FRAME_REASON = "no message of the sensor while it is still"
 
 
 @dataclass(frozen=True)
-class Session:
+class PreflightSession:
     """One recording after decode and gate: its audit, columns of frames, of poses and of
     placements, the status of these and of each target's; remounted: whether the robot's markers sit
     elsewhere than the rig's poses mean; streams: names of its sensors."""
@@ -28,103 +38,105 @@ class Session:
     poses: dict
     placements: dict
     status: Status
-    targets: dict
-    remounted: bool
+    target_status: dict
+    has_remounted_markers: bool
     streams: tuple
 
 
 @dataclass(frozen=True)
-class Seen:
+class TargetVisibility:
     """One target before one sensor: its shape, T_robot_target (n, 4, 4) of every placement, and the
     reason (n,) against each, "" for those in view: from where the rig says that the sensor sits,
     and from anywhere within the uncertainty of that. in_motion: views of it that tell the clock;
     stated: whether it is known where both sit, without which all is taken to be in view."""
 
     shape: object
-    T: np.ndarray
-    expected: tuple
-    possible: tuple
-    in_motion: int
-    stated: bool
+    T_robot_target: np.ndarray
+    expected_reasons: tuple
+    possible_reasons: tuple
+    n_moving_views: int
+    has_known_pose: bool
 
-    def lost(self):
+    def count_lost_placements(self):
         """{reason: placements} of those that are out of view for certain."""
-        return dict(Counter(why for why in self.possible if why).most_common())
+        return dict(Counter(why for why in self.possible_reasons if why).most_common())
 
 
 @dataclass(frozen=True)
-class Look:
+class SensorVisibility:
     """One sensor in one session: kind, where its pose is stated ("none" if nowhere), the share of
     its messages for which the robot's pose is known, what it may see of each target, and whether
     views in motion can tell its clock."""
 
     kind: str
     status: Status
-    source: str = "none"
-    known: float = 0.0
-    seen: dict = field(default_factory=dict)
-    timed: bool = False
+    pose_source: str = "none"
+    mocap_coverage: float = 0.0
+    visibility_by_target: dict = field(default_factory=dict)
+    has_measurement_time: bool = False
 
 
-class Anything:
+class UnknownPose:
     """In place of a sensor of which nobody has said where it sits: it may see whatever is there."""
 
     model = None
 
     @staticmethod
-    def hidden(*where):
+    def check_visibility(*args):
         return ""
 
 
 @dataclass(frozen=True)
-class Eye:
+class AssumedPose:
     """A sensor (of cropping.KINDS, or Anything), T_robot_sensor (4, 4) as stated, and by how much
     that may be wrong (6,)."""
 
-    sensor: object
-    T: np.ndarray
+    cropper: object
+    T_robot_sensor: np.ndarray
     margin: np.ndarray
 
 
-BLIND = Eye(Anything, np.eye(4), np.zeros(6))
+NO_POSE = AssumedPose(UnknownPose, np.eye(4), np.zeros(6))
 
 
-def look(session, name, options):
+def assess_sensor_visibility(session, name, options):
     """The Look of a sensor of a Session; options: of scripts/preflight.py."""
     block, audit = options["sensors"][name], session.audit["sensors"][name]
     status = Status.from_dict(audit["status"])
-    source, found = stated(name, block, options, session.audit) if status.ok else ("none", Found())
+    source, found = (
+        read_pose_guess(name, block, options, session.audit) if status.ok else ("none", PoseGuess())
+    )
     status = status if not status.ok else found.status
     if not status.ok:
-        return Look(block["kind"], status)
-    frames = parquet_tables.select(session.frames, session.frames["sensor"] == name)
-    frames = frame_selection.timed(frames, block["time_offset_s"])
-    robot = body_trajectory.trajectory(session.poses, options["body"], options["max_gap_s"])
-    known = float(robot.at(frames["seen"])[1].mean())
-    status = _placed(session)
-    status = _never(name) if status.ok and not known else status
+        return SensorVisibility(block["kind"], status)
+    frames = select_rows(session.frames, session.frames["sensor"] == name)
+    frames = with_mocap_time(frames, block["time_offset_s"])
+    robot = trajectory_from_columns(session.poses, options["body"], options["max_gap_s"])
+    known = float(robot.poses_at(frames["mocap_time_ns"])[1].mean())
+    status = _still_target_status(session)
+    status = _no_mocap_status(name) if status.ok and not known else status
     if not status.ok:
-        return Look(block["kind"], status, source, known)
-    sensor, eye = sensor_reader.KINDS[block["kind"]](sensor_models.heard(block, audit)), BLIND
-    if session.remounted or found.T_robot_sensor is None:
+        return SensorVisibility(block["kind"], status, source, known)
+    sensor, eye = CROPPERS[block["kind"]](with_log_metadata(block, audit)), NO_POSE
+    if session.has_remounted_markers or found.T_robot_sensor is None:
         source = "none"
     else:
         margin = options["crop"]["margin_sigma"] * np.asarray(found.sigma)
-        eye = Eye(sensor, found.T_robot_sensor, margin)
-    seen = _targets(session, eye, frames, block, options, sensor.timed)
-    reasons = [why for s in seen.values() for why in s.possible]
-    status = frame_selection.seen(name, reasons)
-    return Look(block["kind"], status, source, known, seen, sensor.timed)
+        eye = AssumedPose(sensor, found.T_robot_sensor, margin)
+    seen = _assess_targets(session, eye, frames, block, options, sensor.has_measurement_time)
+    reasons = [why for s in seen.values() for why in s.possible_reasons]
+    status = visibility_status(name, reasons)
+    return SensorVisibility(block["kind"], status, source, known, seen, sensor.has_measurement_time)
 
 
-def _placed(session):
+def _still_target_status(session):
     """Ok, or why no target is ever still."""
-    held = [status for _, status in sorted(session.targets.items())]
+    held = [status for _, status in sorted(session.target_status.items())]
     return session.status if not session.status.ok or any(s.ok for s in held) else held[0]
 
 
-def _never(name):
-    return failed(
+def _no_mocap_status(name):
+    return failure_status(
         f"no message of {name} falls into a time at which the motion capture knows the robot",
         "0 %",
         "most of them",
@@ -132,47 +144,51 @@ def _never(name):
     )
 
 
-def _targets(session, eye, frames, block, options, timed):
-    """{target: Seen} of one sensor in a session; block: of the sensor; timed: whether its views of
+def _assess_targets(session, assumed_pose, frames, block, options, has_measurement_time):
+    """{target: Seen} of one sensor in a session; block: of the sensor; has_measurement_time: whether its views of
     what moves tell a time."""
-    blocks = {n: options["targets"][n] for n in sorted(session.targets)}
-    mounts = frame_selection.mounts(blocks, {"mounts": {}})
-    placements = frame_selection.trimmed(session.placements, block["time_offset_sigma_s"])
-    T_robot_target = frame_selection.placed(placements, mounts)
+    blocks = {n: options["targets"][n] for n in sorted(session.target_status)}
+    mounts = mounts_from_guess(blocks, {"mounts": {}})
+    placements = trim_placement_ends(session.placements, block["time_offset_sigma_s"])
+    T_robot_target = compute_target_poses(placements, mounts)
     bodies = {n: b["body"] for n, b in blocks.items()}
-    paths = body_trajectory.trajectories(
-        session.poses, options["body"], bodies, options["max_gap_s"]
-    )
+    paths = target_trajectories(session.poses, options["body"], bodies, options["max_gap_s"])
     out = {}
     for name, config in blocks.items():
         # Where a target sits in its body may be unknown as well.
-        by, shape = eye if name in mounts else BLIND, target_shapes.from_config(config)
+        by, shape = assumed_pose if name in mounts else NO_POSE, target_from_config(config)
         rows = np.flatnonzero((placements["target"] == name) & (placements["kind"] == "still"))
-        during = frame_selection.considered(frames, placements, name)
+        during = assign_frames_to_placements(frames, placements, name)
         expected, possible = (
-            _reasons(rows, during, by, shape, T_robot_target, margin, options["crop"])
+            _reasons_by_placement(rows, during, by, shape, T_robot_target, margin, options["crop"])
             for margin in (np.zeros(6), by.margin)
         )
         moving = 0
-        if timed and config["method"] == "surface":
-            moving = _in_motion(by, shape, paths[name], frames, mounts.get(name), block, options)
-        out[name] = Seen(shape, T_robot_target[rows], expected, possible, moving, by is not BLIND)
+        if has_measurement_time and config["method"] == "surface":
+            moving = _count_moving_views(
+                by, shape, paths[name], frames, mounts.get(name), block, options
+            )
+        out[name] = TargetVisibility(
+            shape, T_robot_target[rows], expected, possible, moving, by is not NO_POSE
+        )
     return out
 
 
-def _reasons(rows, during, eye, shape, T_robot_target, margin, options):
+def _reasons_by_placement(
+    rows, placement_by_frame, assumed_pose, shape, T_robot_target, margin, options
+):
     """The reason against each placement of the rows (n,), as a tuple; "" for those that crop would
-    read. during: placement of each frame, or -1."""
-    where = T_robot_target, eye.T, margin
-    why = frame_selection.choose(eye.sensor, shape, during, *where, options)
-    of = {k: set(why[during == k]) for k in rows}
-    return tuple(NO_FRAME if not of[k] else "" if "" in of[k] else min(of[k]) for k in rows)
+    read. placement_by_frame: placement of each frame, or -1."""
+    where = T_robot_target, assumed_pose.T_robot_sensor, margin
+    why = select_frames(assumed_pose.cropper, shape, placement_by_frame, *where, options)
+    of = {k: set(why[placement_by_frame == k]) for k in rows}
+    return tuple(NO_FRAME_REASON if not of[k] else "" if "" in of[k] else min(of[k]) for k in rows)
 
 
-def _in_motion(eye, shape, path, frames, T_body_target, block, options):
+def _count_moving_views(assumed_pose, shape, trajectory, frames, T_body_target, block, options):
     """How many views of a target in motion crop would read."""
     offset = {"value": block["time_offset_s"], "sigma": block["time_offset_sigma_s"]}
-    guess = {"T_robot_sensor": {"matrix": eye.T}, "time_offset_s": offset}
+    guess = {"T_robot_sensor": {"matrix": assumed_pose.T_robot_sensor}, "time_offset_s": offset}
     mount = np.eye(4) if T_body_target is None else T_body_target
-    where = path, frames["t"], mount, guess, eye.margin
-    return len(moving_view_selection.choose(eye.sensor, shape, *where, options["crop"]))
+    where = trajectory, frames["stamp_ns"], mount, guess, assumed_pose.margin
+    return len(select_moving_views(assumed_pose.cropper, shape, *where, options["crop"]))

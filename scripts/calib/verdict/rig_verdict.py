@@ -2,18 +2,31 @@
 
 import numpy as np
 
-from calib.diagnosis import observability
-from calib.verdict import model_error_findings
-from calib.verdict.findings import DEG, LEVELS, MM, PERCENT, REMEDY, finding, measured, worst
+from calib.diagnosis.observability import describe_next_view
+from calib.verdict.findings import (
+    M_TO_MM,
+    RAD_TO_DEG,
+    REMEDY_BY_CHECK,
+    SHARE_TO_PERCENT,
+    VERDICT_LEVELS,
+    check_limit,
+    make_finding,
+    worst_level,
+)
+from calib.verdict.model_error_findings import (
+    repeatability_findings,
+    suspected_error_findings,
+    target_mount_findings,
+)
 
 # Checks in order of importance: what is wrong comes before what it does to the numbers.
-CHECKS = (
+CHECKS_BY_IMPORTANCE = (
     "status", "moved", "suspicion", "apart", "alignment", "offset_s", "tilt_deg", "rejected",
     "mocap_factor", "noise_factor", "beyond", "whiteness", "heldout", "sigma_m", "sigma_deg",
     "placements", "correction_sigma", "settled",
 )  # fmt: skip
 # Those that say that measurements and model disagree: more views of the same would not help.
-MISFIT = {
+MISFIT_CHECKS = {
     "suspicion",
     "rejected",
     "mocap_factor",
@@ -25,25 +38,29 @@ MISFIT = {
 }
 
 
-def of_sensor(name, sensor, limits):
+def sensor_findings(name, sensor, limits):
     """Findings on one sensor of solution.json, but for its σ."""
     if not sensor["status"]["ok"]:
         status = sensor["status"]
-        return [finding("status", [name], "fail", f"{name}: {status['reason']}", status["remedy"])]
+        return [
+            make_finding("status", [name], "fail", f"{name}: {status['reason']}", status["remedy"])
+        ]
     out = [
-        finding("apart", [name], "warn", f"{c['text']}; returns are believed", c["remedy"])
+        make_finding("apart", [name], "warn", f"{c['text']}; returns are believed", c["remedy"])
         for c in sensor["corrections"]
         if c["name"] == "apart"
     ]
-    out += measured(name, sensor["rejected"], limits, "rejected", "rejected", PERCENT, " %")
-    out += of_views(name, sensor, limits)
+    out += check_limit(
+        name, sensor["rejected"], limits, "rejected", "rejected", SHARE_TO_PERCENT, " %"
+    )
+    out += view_findings(name, sensor, limits)
     for kind, fit in sorted(sensor["fit"].items()):
         if not any(f["check"] == "rejected" for f in out):
-            out += _rejected(name, kind, fit["rejected"], sensor["left_out"], limits)
-        out += _of_fit(name, kind, fit, limits)
+            out += _rejection_findings(name, kind, fit["rejected"], sensor["left_out"], limits)
+        out += _fit_findings(name, kind, fit, limits)
     if sensor["held_out"]:
         words = "placements left out differ from what the others predict by, in their σ,"
-        out += measured(name, sensor["held_out"]["ratio"], limits, "heldout", words)
+        out += check_limit(name, sensor["held_out"]["ratio"], limits, "heldout", words)
     if sensor["time_offset_s"]:
         off = abs(sensor["time_offset_s"]["value"] - sensor["guess"]["time_offset_s"]["value"])
         words = "its stamps and those of the motion capture differ from the first guess by"
@@ -51,46 +68,54 @@ def of_sensor(name, sensor, limits):
             f"write sensors.{name}.time_offset_s: {sensor['time_offset_s']['value']:.4f}, so that "
             "frames are taken where they belong"
         )
-        out += measured(name, off, limits, "offset_s", words, MM, " ms", remedy=remedy)
+        out += check_limit(name, off, limits, "offset_s", words, M_TO_MM, " ms", remedy=remedy)
     if sensor["correction"] is not None:
         words = "differs from the first guess by, in its σ,"
-        out += measured(name, sensor["correction"], limits, "correction_sigma", words)
+        out += check_limit(name, sensor["correction"], limits, "correction_sigma", words)
     return out
 
 
-def of_views(name, sensor, limits):
+def view_findings(name, sensor, limits):
     """Findings on how many placements a sensor saw, and on targets that all point the same way.
 
     sensor: kind, placements, tilt, advice of solution.json, or of what is known before the solve.
     """
     n = sensor["placements"]
-    out = measured(name, n, limits, "placements", "placements", large=False)
-    return out + _of_tilt(name, sensor, limits)
+    out = check_limit(name, n, limits, "placements", "placements", is_large_bad=False)
+    return out + _tilt_findings(name, sensor, limits)
 
 
-def _rejected(name, kind, share, left_out, limits):
+def _rejection_findings(name, kind, share, left_out, limits):
     """Findings on the share of one kind of measurement that the gate refused, and where it lies."""
     sides = sorted((r for r in left_out if r["kind"] == kind), key=lambda r: -r["count"])
     where = f", mostly {sides[0]['where']} of {sides[0]['target']}," if sides else ""
     words = f"rejected of the {kind} measurements{where}"
-    remedy = REMEDY.get(f"rejected {kind}", REMEDY["rejected"])
-    return measured(name, share, limits, "rejected", words, PERCENT, " %", remedy=remedy)
+    remedy = REMEDY_BY_CHECK.get(f"rejected {kind}", REMEDY_BY_CHECK["rejected"])
+    return check_limit(
+        name, share, limits, "rejected", words, SHARE_TO_PERCENT, " %", remedy=remedy
+    )
 
 
-def _of_fit(name, kind, fit, limits):
+def _fit_findings(name, kind, fit, limits):
     """Findings on the residuals of one kind of measurement."""
     return [
-        *measured(
+        *check_limit(
             name,
             fit["noise_factor"],
             limits,
             "noise_factor",
             f"noise of {kind} measurements over the configured",
         ),
-        *measured(
-            name, fit["beyond"], limits, "beyond", f"{kind} residuals beyond 3 σ", PERCENT, " %"
+        *check_limit(
+            name,
+            fit["beyond"],
+            limits,
+            "beyond",
+            f"{kind} residuals beyond 3 σ",
+            SHARE_TO_PERCENT,
+            " %",
         ),
-        *measured(
+        *check_limit(
             name,
             fit["whiteness"],
             limits,
@@ -100,7 +125,7 @@ def _of_fit(name, kind, fit, limits):
     ]
 
 
-def _of_tilt(name, sensor, limits):
+def _tilt_findings(name, sensor, limits):
     """Findings on targets that all point the same way, where that leaves a direction loose."""
     tilt = sensor["tilt"]
     only = set(tilt) == {"axes"} or (set(tilt) == {"normals"} and sensor["kind"] == "lidar")
@@ -110,61 +135,67 @@ def _of_tilt(name, sensor, limits):
     words = {"axes": "axes of the cylinders", "normals": "normals of the boards"}[what]
     words = f"{words} differ by at most"
     remedy = sensor["advice"]
-    return measured(name, degrees, limits, "tilt_deg", words, 1, "°", large=False, remedy=remedy)
+    return check_limit(
+        name, degrees, limits, "tilt_deg", words, 1, "°", is_large_bad=False, remedy=remedy
+    )
 
 
-def of_sigma(name, sensor, limits, misfit):
-    """Findings on the σ of one sensor with a pose; misfit: whether model and data disagree."""
+def sigma_findings(name, sensor, limits, has_misfit):
+    """Findings on the σ of one sensor with a pose; has_misfit: whether model and data disagree."""
     sigma = np.sqrt(np.diag(sensor["covariance"]))
-    values = {"sigma_m": sigma[:3].max(), "sigma_deg": sigma[3:].max() * DEG}
-    told = {"sigma_m": ("position σ", MM, " mm"), "sigma_deg": ("rotation σ", 1.0, "°")}
+    values = {"sigma_m": sigma[:3].max(), "sigma_deg": sigma[3:].max() * RAD_TO_DEG}
+    told = {"sigma_m": ("position σ", M_TO_MM, " mm"), "sigma_deg": ("rotation σ", 1.0, "°")}
     out = []
     for check, value in values.items():
         words, scale, unit = told[check]
         remedy = "mend what else is wrong first: it widens σ, and more views would not help"
-        if not misfit:
-            remedy = _more_views(sensor, check, value, limits)
-        out += measured(name, float(value), limits, check, words, scale, unit, remedy=remedy)
+        if not has_misfit:
+            remedy = _advise_more_views(sensor, check, value, limits)
+        out += check_limit(name, float(value), limits, check, words, scale, unit, remedy=remedy)
     return out
 
 
-def _more_views(sensor, check, value, limits):
+def _advise_more_views(sensor, check, value, limits):
     """Which views would narrow σ, and about how many."""
     n, limit = sensor["placements"], limits[f"warn_{check}"]
     needed = int(np.ceil(n * (value / limit) ** 2)) if np.isfinite(value) else None
     remedy = f"least certain: {sensor['weakest']['direction']}. {sensor['advice']}"
     if sensor["next_view"]:
-        remedy = observability.next_view(sensor["next_view"])
+        remedy = describe_next_view(sensor["next_view"])
     if needed and needed > n:
         remedy += f" About {needed} placements like the {n} so far would reach the limit."
     return remedy
 
 
-def of_rig(solution, limits):
+def rig_findings(solution, limits):
     """(level, findings in order of importance, level per sensor) of a solution.json."""
     sensors = sorted(solution["sensors"].items())
-    found = [f for name, sensor in sensors for f in of_sensor(name, sensor, limits)]
+    found = [f for name, sensor in sensors for f in sensor_findings(name, sensor, limits)]
     found += [
-        f
-        for s in solution["suspicions"]
-        for f in model_error_findings.of_suspicion(s, solution, limits)
+        f for s in solution["suspicions"] for f in suspected_error_findings(s, solution, limits)
     ]
     found += [
         f
         for n, t in sorted(solution["targets"].items())
-        for f in model_error_findings.of_target(n, t, limits)
+        for f in target_mount_findings(n, t, limits)
     ]
-    found += model_error_findings.of_sessions(solution["repeatability"], limits)
+    found += repeatability_findings(solution["repeatability"], limits)
     words = "errors of the motion capture's poses over the stated σ"
-    found += measured("", solution["noise"]["mocap_factor"], limits, "mocap_factor", words)
+    found += check_limit("", solution["noise"]["mocap_factor"], limits, "mocap_factor", words)
     if solution["ipopt"] is not None and not solution["settled"]:
         text = "the rounds of solving and re-association did not settle"
-        found.append(finding("settled", [], "warn", text, REMEDY["settled"]))
-    rig_wide = any(f["check"] in MISFIT and not f["sensors"] for f in found)
+        found.append(make_finding("settled", [], "warn", text, REMEDY_BY_CHECK["settled"]))
+    rig_wide = any(f["check"] in MISFIT_CHECKS and not f["sensors"] for f in found)
     for name, sensor in sensors:
         if sensor["covariance"] is not None:
-            misfit = rig_wide or any(f["check"] in MISFIT and name in f["sensors"] for f in found)
-            found += of_sigma(name, sensor, limits, misfit)
-    found.sort(key=lambda f: (-LEVELS.index(f["level"]), CHECKS.index(f["check"])))
-    levels = {name: worst(f["level"] for f in found if name in f["sensors"]) for name, _ in sensors}
-    return worst(f["level"] for f in found), found, levels
+            misfit = rig_wide or any(
+                f["check"] in MISFIT_CHECKS and name in f["sensors"] for f in found
+            )
+            found += sigma_findings(name, sensor, limits, misfit)
+    found.sort(
+        key=lambda f: (-VERDICT_LEVELS.index(f["level"]), CHECKS_BY_IMPORTANCE.index(f["check"]))
+    )
+    levels = {
+        name: worst_level(f["level"] for f in found if name in f["sensors"]) for name, _ in sensors
+    }
+    return worst_level(f["level"] for f in found), found, levels

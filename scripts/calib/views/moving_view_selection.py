@@ -2,39 +2,44 @@
 
 import numpy as np
 
-from calib.geometry import se3
-from calib.mocap import moving_pose_fit
-from calib.mocap.body_trajectory import NS
-from calib.views import frame_selection
+from calib.geometry.se3 import invert_pose
+from calib.mocap.body_trajectory import NS_PER_S
+from calib.mocap.moving_pose_fit import fit_local_motion
+from calib.views.frame_selection import space_evenly
 
-CONSIDERED = 400  # views of one target at most that are looked at more closely
-LEAST_MPS, MOST_MPS = 0.05, 1.5  # of a target's middle against the robot; slower tells no time, and
-MOST_DPS = 90.0  # faster blurs
-ARM_M = 1.0  # at which turning counts like moving
+MAX_CHECKED_VIEWS = 400  # views of one target at most that are looked at more closely
+MIN_SPEED_MPS, MAX_SPEED_MPS = (
+    0.05,
+    1.5,
+)  # of a target's middle against the robot; slower tells no time, and
+MAX_TURN_RATE_DPS = 90.0  # faster blurs
+TURN_ARM_M = 1.0  # at which turning counts like moving
 
 
-def choose(sensor, target, path, stamps, T_body_target, guess, margin, options):
-    """[(row of stamps (n,), T_sensor_target (4, 4), margin (6,))] of the views to keep, in order.
+def select_moving_views(
+    cropper, target, trajectory, stamps_ns, T_body_target, guess, margin, options
+):
+    """[(row of stamps_ns (n,), T_sensor_target (4, 4), margin (6,))] of the views to keep, in order.
 
-    sensor: of cropping.KINDS; path: the Trajectory of T_robot_body; guess: guess.json.
+    cropper: of cropping.KINDS; trajectory: the Trajectory of T_robot_body; guess: guess.json.
     In view and neither too slow nor too fast; evenly spread over all of those. The margin grows by
     what the target moves while the sensor's clock may be off.
     """
     offset, T = guess["time_offset_s"], np.array(guess["T_robot_sensor"]["matrix"])
     found = []
-    for i in frame_selection.evenly(len(stamps), CONSIDERED):
-        there = moving_pose_fit.fit(path, int(stamps[i]) + round(offset["value"] * NS))
-        if there is None or not _of_use(there.velocity):
+    for i in space_evenly(len(stamps_ns), MAX_CHECKED_VIEWS):
+        there = fit_local_motion(trajectory, int(stamps_ns[i]) + round(offset["value"] * NS_PER_S))
+        if there is None or not _has_useful_speed(there.velocity):
             continue
-        where = se3.inverse(T) @ there.T @ T_body_target
+        where = invert_pose(T) @ there.T_robot_body @ T_body_target
         wide = margin + offset["sigma"] * np.abs(there.velocity)
-        if not sensor.hidden(sensor.model, target, where, wide, options):
+        if not cropper.check_visibility(cropper.model, target, where, wide, options):
             found.append((int(i), where, wide))
-    return [found[i] for i in frame_selection.evenly(len(found), options["max_moving"])]
+    return [found[i] for i in space_evenly(len(found), options["max_moving"])]
 
 
-def _of_use(velocity):
+def _has_useful_speed(velocity):
     """Whether a twist (6,), per s, tells time and does not blur."""
     linear, angular = np.linalg.norm(velocity[:3]), np.linalg.norm(velocity[3:])
-    fast = linear > MOST_MPS or angular > np.radians(MOST_DPS)
-    return not fast and linear + ARM_M * angular > LEAST_MPS
+    fast = linear > MAX_SPEED_MPS or angular > np.radians(MAX_TURN_RATE_DPS)
+    return not fast and linear + TURN_ARM_M * angular > MIN_SPEED_MPS

@@ -15,26 +15,26 @@ class Echoes(NamedTuple):
     the stamp t, ns."""
 
     xyz: np.ndarray
-    distance: np.ndarray
-    grey: np.ndarray
-    returned: np.ndarray
-    after: np.ndarray
-    t: int
+    distance_m: np.ndarray
+    grey_level: np.ndarray
+    has_return: np.ndarray
+    column_time_ns: np.ndarray
+    stamp_ns: int
 
 
-class Driver(NamedTuple):
+class CloudFormat(NamedTuple):
     """Layout of a point; whether a cloud is an image of beams by columns, or a list of the returns
     in the order of firing; x, y, z where there is no return; whether the stamp is that of the last
     column, not of the first; and what fields hold that mean something else to other drivers."""
 
-    point: np.dtype
-    organised: bool
-    nothing: float = 0.0
-    at_end: bool = False
-    holds: dict = {}
+    point_dtype: np.dtype
+    is_organized: bool
+    no_return_value: float = 0.0
+    has_end_stamp: bool = False
+    field_overrides: dict = {}
 
 
-def _layout(size, **fields):
+def _point_dtype(size, **fields):
     """dtype of size bytes; each field is "format offset"."""
     names = list(fields)
     formats, offsets = zip(*(f.split() for f in fields.values()), strict=True)
@@ -42,89 +42,91 @@ def _layout(size, **fields):
     return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
 
 
-def _clock_ns(e):
-    return (e.t + e.after).astype(float)
+def _absolute_time_ns(echoes):
+    return (echoes.stamp_ns + echoes.column_time_ns).astype(float)
 
 
-def _clock_s(e):
-    return (e.t + e.after) / 1e9
+def _absolute_time_s(echoes):
+    return (echoes.stamp_ns + echoes.column_time_ns) / 1e9
 
 
-XYZ = {"x": "<f4 0", "y": "<f4 4", "z": "<f4 8"}
-_VELODYNE = _layout(22, **XYZ, intensity="<f4 12", ring="<u2 16", time="<f4 18")
-_TIMESTAMP = _layout(26, **XYZ, intensity="<f4 12", ring="<u2 16", timestamp="<f8 18")
-DRIVERS = {
-    "velodyne": Driver(_VELODYNE, False),
+XYZ_FIELDS = {"x": "<f4 0", "y": "<f4 4", "z": "<f4 8"}
+_VELODYNE_POINT = _point_dtype(22, **XYZ_FIELDS, intensity="<f4 12", ring="<u2 16", time="<f4 18")
+_TIMESTAMP_POINT = _point_dtype(
+    26, **XYZ_FIELDS, intensity="<f4 12", ring="<u2 16", timestamp="<f8 18"
+)
+CLOUD_FORMATS = {
+    "velodyne": CloudFormat(_VELODYNE_POINT, False),
     # As ros-drivers' velodyne without timestamp_first_packet.
-    "velodyne_last": Driver(_VELODYNE, False, at_end=True),
-    "ouster": Driver(
-        _layout(
-            48, **XYZ, intensity="<f4 16", t="<u4 20", reflectivity="<u2 24", ring="<u2 26",
+    "velodyne_last": CloudFormat(_VELODYNE_POINT, False, has_end_stamp=True),
+    "ouster": CloudFormat(
+        _point_dtype(
+            48, **XYZ_FIELDS, intensity="<f4 16", t="<u4 20", reflectivity="<u2 24", ring="<u2 26",
             ambient="<u2 28", range="<u4 32",
         ),
         True,
     ),
-    "hesai": Driver(_TIMESTAMP, False, holds={"timestamp": _clock_s}),
-    "robosense": Driver(_TIMESTAMP, True, np.nan, holds={"timestamp": _clock_s}),
-    "plain": Driver(_layout(16, **XYZ, intensity="<f4 12"), False),
-    "livox": Driver(
-        _layout(26, **XYZ, intensity="<f4 12", tag="u1 16", line="u1 17", timestamp="<f8 18"),
-        False, holds={"timestamp": _clock_ns},
+    "hesai": CloudFormat(_TIMESTAMP_POINT, False, field_overrides={"timestamp": _absolute_time_s}),
+    "robosense": CloudFormat(_TIMESTAMP_POINT, True, np.nan, field_overrides={"timestamp": _absolute_time_s}),
+    "plain": CloudFormat(_point_dtype(16, **XYZ_FIELDS, intensity="<f4 12"), False),
+    "livox": CloudFormat(
+        _point_dtype(26, **XYZ_FIELDS, intensity="<f4 12", tag="u1 16", line="u1 17", timestamp="<f8 18"),
+        False, field_overrides={"timestamp": _absolute_time_ns},
     ),
-    "nebula": Driver(
-        _layout(
-            32, **XYZ, intensity="u1 12", return_type="u1 13", channel="<u2 14", azimuth="<f4 16",
+    "nebula": CloudFormat(
+        _point_dtype(
+            32, **XYZ_FIELDS, intensity="u1 12", return_type="u1 13", channel="<u2 14", azimuth="<f4 16",
             elevation="<f4 20", distance="<f4 24", time_stamp="<u4 28",
         ),
         False,
     ),
-    "nebula_legacy": Driver(
-        _layout(
-            48, **XYZ, intensity="<f4 16", ring="<u2 20", azimuth="<f4 24", distance="<f4 28",
+    "nebula_legacy": CloudFormat(
+        _point_dtype(
+            48, **XYZ_FIELDS, intensity="<f4 16", ring="<u2 20", azimuth="<f4 24", distance="<f4 28",
             return_type="u1 32", time_stamp="<f8 40",
         ),
-        False, holds={"time_stamp": _clock_s},
+        False, field_overrides={"time_stamp": _absolute_time_s},
     ),
-    "sick": Driver(
-        _layout(
-            27, **XYZ, i="<f4 12", t="<u4 16", ts="<f4 20", ring="i1 24", layer="i1 25",
+    "sick": CloudFormat(
+        _point_dtype(
+            27, **XYZ_FIELDS, i="<f4 12", t="<u4 16", ts="<f4 20", ring="i1 24", layer="i1 25",
             echo="i1 26",
         ),
         False,
     ),
-    "sick_split": Driver(
-        _layout(25, **XYZ, i="<f4 12", lidar_sec="<u4 16", lidar_nsec="<u4 20", ring="i1 24"), False
+    "sick_split": CloudFormat(
+        _point_dtype(25, **XYZ_FIELDS, i="<f4 12", lidar_sec="<u4 16", lidar_nsec="<u4 20", ring="i1 24"), False
     ),
 }  # fmt: skip
 
 
-def _number(e):
-    return np.arange(e.distance.shape[1])
+def _ring_numbers(echoes):
+    return np.arange(echoes.distance_m.shape[1])
 
 
-def _brightness(e):
-    return np.where(e.returned, np.round(e.grey / 2), 0)
+def _intensity(echoes):
+    return np.where(echoes.has_return, np.round(echoes.grey_level / 2), 0)
 
 
-FIELDS = {
+FIELD_VALUES = {
     "x": lambda e: e.xyz[..., 0],
     "y": lambda e: e.xyz[..., 1],
     "z": lambda e: e.xyz[..., 2],
-    "intensity": _brightness,
-    "i": _brightness,
-    "reflectivity": _brightness,
-    "ring": _number,
-    "line": _number,
-    "channel": _number,
-    "layer": _number,
-    "time": lambda e: e.after * 1e-9,
-    "ts": lambda e: e.after * 1e-9,
-    "t": lambda e: e.after,
-    "time_stamp": lambda e: e.after,
-    "lidar_sec": lambda e: (e.t + e.after) // 10**9,
-    "lidar_nsec": lambda e: (e.t + e.after) % 10**9,
-    "range": lambda e: np.round(e.distance * 1e3),
-    "distance": lambda e: e.distance,
+    "intensity": _intensity,
+    "i": _intensity,
+    "reflectivity": _intensity,
+    "ring": _ring_numbers,
+    "line": _ring_numbers,
+    "channel": _ring_numbers,
+    "layer": _ring_numbers,
+    "time": lambda e: e.column_time_ns * 1e-9,
+    "ts": lambda e: e.column_time_ns * 1e-9,
+    "t": lambda e: e.column_time_ns,
+    "time_stamp": lambda e: e.column_time_ns,
+    "lidar_sec": lambda e: (e.stamp_ns + e.column_time_ns) // 10**9,
+    "lidar_nsec": lambda e: (e.stamp_ns + e.column_time_ns) % 10**9,
+    "range": lambda e: np.round(e.distance_m * 1e3),
+    "distance": lambda e: e.distance_m,
     "azimuth": lambda e: np.arctan2(e.xyz[..., 1], e.xyz[..., 0]),
     "elevation": lambda e: np.arctan2(e.xyz[..., 2], np.hypot(e.xyz[..., 0], e.xyz[..., 1])),
     "ambient": lambda e: 20,
@@ -134,23 +136,25 @@ FIELDS = {
 }
 
 
-def stamped(driver, echoes):
+def apply_driver_stamp(driver_name, echoes):
     """The Echoes with the stamp that the driver so named gives them, and times after that."""
-    if not DRIVERS[driver].at_end:
+    if not CLOUD_FORMATS[driver_name].has_end_stamp:
         return echoes
-    last = int(echoes.after[-1, 0])
-    return echoes._replace(t=echoes.t + last, after=echoes.after - last)
+    last = int(echoes.column_time_ns[-1, 0])
+    return echoes._replace(
+        stamp_ns=echoes.stamp_ns + last, column_time_ns=echoes.column_time_ns - last
+    )
 
 
-def points(driver, echoes):
+def make_point_array(driver_name, echoes):
     """Points (height, width) of the driver so named."""
-    layout, organised, nothing, _, holds = DRIVERS[driver]
-    shape = echoes.distance.shape
+    layout, organised, nothing, _, holds = CLOUD_FORMATS[driver_name]
+    shape = echoes.distance_m.shape
     # Filled in its final order: a copy of a layout with gaps leaves the gaps to chance.
     out = np.zeros(shape[::-1] if organised else shape, layout)
     for name in layout.names:
-        values = np.broadcast_to((FIELDS | holds)[name](echoes), shape)
-        if name in XYZ:
-            values = np.where(echoes.returned, values, nothing)
+        values = np.broadcast_to((FIELD_VALUES | holds)[name](echoes), shape)
+        if name in XYZ_FIELDS:
+            values = np.where(echoes.has_return, values, nothing)
         out[name] = values.T if organised else values
-    return out if organised else out[echoes.returned][None]
+    return out if organised else out[echoes.has_return][None]

@@ -9,97 +9,105 @@ from typing import NamedTuple
 
 import numpy as np
 
-TURN_NS = 100_000_000
-FLAT_DEG = 0.5  # across the only beam of a 2-D scanner
+SCAN_PERIOD_NS = 100_000_000
+FLAT_ELEVATION_STEP_DEG = 0.5  # across the only beam of a 2-D scanner
 
 
 class Firing(NamedTuple):
     """Unit beams (columns, beams, 3), lidar frame, and the time (columns,) of each column, which is
     fired at once, ns after the first."""
 
-    beams: np.ndarray
-    after: np.ndarray
+    beam_directions: np.ndarray
+    column_time_ns: np.ndarray
 
 
-class Spinning(NamedTuple):
+class SpinningPattern(NamedTuple):
     """Elevations, deg, of the beams in the driver's order, and columns of a whole turn, clockwise
     from above."""
 
     elevation_deg: tuple
-    columns: int
+    n_columns: int
 
     @property
-    def beams(self):
+    def n_beams(self):
         return len(self.elevation_deg)
 
     @property
-    def steps_deg(self):
+    def angular_steps_deg(self):
         """Between columns and between beams."""
         beams = (*self.elevation_deg, *self.elevation_deg[:1])
-        return 360 / self.columns, abs(beams[1] - beams[0]) or FLAT_DEG
+        return 360 / self.n_columns, abs(beams[1] - beams[0]) or FLAT_ELEVATION_STEP_DEG
 
-    def firing(self, sector, number):
+    def make_firing(self, sector_rad, scan_number):
         """Firing of the turn of that number; all turns are alike."""
-        return spin(sector, 2 * np.pi / self.columns, self.elevation_deg)
+        return make_turn_firing(sector_rad, 2 * np.pi / self.n_columns, self.elevation_deg)
 
 
-class Rosette(NamedTuple):
+class RosettePattern(NamedTuple):
     """Lines, abreast in elevation, that trace a rosette which never closes: two prisms turn at
     incommensurate rates, Hz. It is stretched to ±sector by ±half_elevation_deg."""
 
-    lines: int
-    columns: int
+    n_lines: int
+    n_columns: int
     half_elevation_deg: float
-    rates: tuple
-    apart_deg: float = 0.4
+    prism_rates_hz: tuple
+    line_spacing_deg: float = 0.4
 
     @property
-    def beams(self):
-        return self.lines
+    def n_beams(self):
+        return self.n_lines
 
     @property
     def elevation_deg(self):
         return -self.half_elevation_deg, self.half_elevation_deg
 
     @property
-    def steps_deg(self):
+    def angular_steps_deg(self):
         """About the distance to the next beam where 0.1 s leaves the widest gaps."""
         return 1.0, 1.0
 
-    def firing(self, sector, number):
+    def make_firing(self, sector_rad, scan_number):
         """Firing of the scan of that number; the next one goes on where it ends."""
-        after = np.arange(self.columns) * (TURN_NS // self.columns)
-        turn = 2 * np.pi * np.outer(self.rates, after * 1e-9 + number * TURN_NS * 1e-9)
-        offset = np.deg2rad(self.apart_deg) * (np.arange(self.lines) - (self.lines - 1) / 2)
+        after = np.arange(self.n_columns) * (SCAN_PERIOD_NS // self.n_columns)
+        turn = (
+            2
+            * np.pi
+            * np.outer(self.prism_rates_hz, after * 1e-9 + scan_number * SCAN_PERIOD_NS * 1e-9)
+        )
+        offset = np.deg2rad(self.line_spacing_deg) * (
+            np.arange(self.n_lines) - (self.n_lines - 1) / 2
+        )
         height = np.deg2rad(self.half_elevation_deg) - offset[-1]
-        azimuth = sector * np.cos(turn).mean(0)[:, None]
-        return Firing(_rays(azimuth, height * np.sin(turn).mean(0)[:, None] + offset), after)
+        azimuth = sector_rad * np.cos(turn).mean(0)[:, None]
+        return Firing(_unit_rays(azimuth, height * np.sin(turn).mean(0)[:, None] + offset), after)
 
 
 @cache
-def spin(sector, step, elevation_deg):
+def make_turn_firing(sector_rad, step_rad, elevation_deg):
     """Firing of a turn from azimuth +sector to -sector in steps, rad, at those elevations, deg."""
-    columns = np.arange(round(2 * sector / step) + 1)
-    beams = _rays(sector - step * columns[:, None], np.deg2rad(elevation_deg))
-    return Firing(beams, np.round(columns * step / (2 * np.pi) * TURN_NS).astype(np.int64))
+    columns = np.arange(round(2 * sector_rad / step_rad) + 1)
+    beams = _unit_rays(sector_rad - step_rad * columns[:, None], np.deg2rad(elevation_deg))
+    return Firing(
+        beams, np.round(columns * step_rad / (2 * np.pi) * SCAN_PERIOD_NS).astype(np.int64)
+    )
 
 
-def coarse(pattern, sector):
+def coarse_beam_directions(pattern, sector_rad):
     """Unit beams (columns, beams, 3), every 1° by 2°, over the field of a pattern."""
     low, high = min(pattern.elevation_deg), max(pattern.elevation_deg)
     elevation = tuple(np.arange(low, high + 0.5, 2).tolist())
-    return spin(sector, np.deg2rad(1.0), elevation).beams
+    return make_turn_firing(sector_rad, np.deg2rad(1.0), elevation).beam_directions
 
 
-def _rays(azimuth, elevation):
+def _unit_rays(azimuth, elevation):
     flat = np.cos(elevation)
     x, y = flat * np.cos(azimuth), flat * np.sin(azimuth)
     return np.stack(np.broadcast_arrays(x, y, np.sin(elevation)), -1)
 
 
-PATTERNS = {
-    "beams16": Spinning(tuple(range(-15, 16, 2)), 1800),
-    "beams32": Spinning(tuple(np.linspace(16.6, -16.6, 32).tolist()), 1024),
-    "flat": Spinning((0.0,), 1440),
-    "rosette": Rosette(6, 4000, 15.0, (71.3, -44.07)),
+SCAN_PATTERNS = {
+    "beams16": SpinningPattern(tuple(range(-15, 16, 2)), 1800),
+    "beams32": SpinningPattern(tuple(np.linspace(16.6, -16.6, 32).tolist()), 1024),
+    "flat": SpinningPattern((0.0,), 1440),
+    "rosette": RosettePattern(6, 4000, 15.0, (71.3, -44.07)),
 }

@@ -6,13 +6,13 @@ and o and d (3, n); they return t (n,), infinite or NaN for a miss, and the face
 
 import numpy as np
 
-SKY = 3  # face of the room above its walls: no return
+SKY_FACE = 3  # face of the room above its walls: no return
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def meet_board(size, o, d):
+def intersect_board(shape_params, o, d):
     """A convex polygon in z = 0; face 0 is the back, the squares follow."""
-    normals, offsets, low, square, count = size
+    normals, offsets, low, square, count = shape_params
     t = -o[2] / d[2]
     x, y = o[0] + t * d[0], o[1] + t * d[1]
     inside = np.ones(t.shape, bool)
@@ -25,9 +25,9 @@ def meet_board(size, o, d):
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def meet_cylinder(size, o, d):
+def intersect_cylinder(shape_params, o, d):
     """A closed cylinder about x, centred; faces: side, cap at -x, cap at +x. o lies outside."""
-    half, radius = size[0] / 2, size[1]
+    half, radius = shape_params[0] / 2, shape_params[1]
     a = d[1] * d[1] + d[2] * d[2]
     b = o[1] * d[1] + o[2] * d[2]
     c = o[1] * o[1] + o[2] * o[2] - radius**2
@@ -40,35 +40,40 @@ def meet_cylinder(size, o, d):
     return t, np.where(on_side, 0, np.where(sign < 0, 1, 2))
 
 
-def side_normal(size, o, d):
+def cylinder_side_normals(shape_params, o, d):
     """Outward normals (n, 3) where rays d (n, 3) from o (3,) meet the side of a cylinder; of those
     that pass it by, where they pass nearest."""
     radial = d[:, 1:]
     a, b = np.sum(radial**2, axis=1), radial @ o[1:]
-    root = np.sqrt(np.maximum(b * b - a * (o[1:] @ o[1:] - size[1] ** 2), 0))
+    root = np.sqrt(np.maximum(b * b - a * (o[1:] @ o[1:] - shape_params[1] ** 2), 0))
     p = o[1:] + ((-b - root) / a)[:, None] * radial
     p /= np.linalg.norm(p, axis=1, keepdims=True)
     return np.column_stack([np.zeros(len(d)), p])
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def meet_box(half, o, d):
+def intersect_box(half_sizes, o, d):
     """A box about its origin, from outside; the face is the axis it is normal to."""
-    reach = np.sign(d) * np.reshape(half, (3, 1))
+    reach = np.sign(d) * np.reshape(half_sizes, (3, 1))
     enter, leave = (-reach - o) / d, (reach - o) / d
     near = np.max(enter, axis=0)
     return np.where(near <= np.min(leave, axis=0), near, np.inf), np.argmax(enter, axis=0)
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def meet_room(size, o, d):
+def intersect_room(shape_params, o, d):
     """The room from inside; faces: floor, walls normal to x, to y, what is above them."""
-    x, y, ceiling, wall = size
+    x, y, ceiling, wall = shape_params
     high, low = (np.reshape(side, (3, 1)) for side in ((x, y, ceiling), (-x, -y, 0.0)))
     leave = np.where(d == 0, np.inf, (np.where(d > 0, high, low) - o) / d)
     t = np.min(leave, axis=0)
     above = o[2] + t * d[2] > wall
-    return t, np.where(above, SKY, np.array([1, 2, 0])[np.argmin(leave, axis=0)])
+    return t, np.where(above, SKY_FACE, np.array([1, 2, 0])[np.argmin(leave, axis=0)])
 
 
-KINDS = {"board": meet_board, "cylinder": meet_cylinder, "box": meet_box, "room": meet_room}
+SHAPE_INTERSECTIONS = {
+    "board": intersect_board,
+    "cylinder": intersect_cylinder,
+    "box": intersect_box,
+    "room": intersect_room,
+}

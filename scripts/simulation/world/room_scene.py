@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.geometry.se3 import pose, transform
+from calib.geometry.se3 import make_pose, transform_points
 
 WHITE, BLACK, GREEN, METAL = (200, 200, 200), (40, 40, 40), (60, 160, 50), (90, 90, 90)
-TARGETS = {
+SIMULATED_TARGETS = {
     "board": {
         "body": "mocap/board",
         "shape": "board",
@@ -33,7 +33,7 @@ TARGETS = {
         "color": {"hue_deg": [90, 150], "saturation": [0.3, 1], "value": [0.15, 1]},
     },
 }
-ROOM = (6.0, 6.0, 4.0, 1.6)  # half sizes along x and y, ceiling, height of the walls, m
+ROOM_SIZE_M = (6.0, 6.0, 4.0, 1.6)  # half sizes along x and y, ceiling, height of the walls, m
 BOXES = {  # centre and half sizes, m, BGR; 5.1 m or more from the origin, where no target comes
     "crate": ((5.4, 1.3, 0.4), (0.3, 0.4, 0.4), (50, 60, 140)),
     "shelf": ((5.5, -1.6, 0.6), (0.3, 0.5, 0.6), (130, 80, 60)),
@@ -41,40 +41,40 @@ BOXES = {  # centre and half sizes, m, BGR; 5.1 m or more from the origin, where
     "trunk": ((1.5, -5.4, 0.5), (0.5, 0.3, 0.5), (120, 60, 110)),
 }
 POLE_M, ARM_M, ROD_M = 2.5, 0.8, 0.25  # lengths; a pole goes on below the floor, unseen
-BEHIND_M = 0.06  # from a board's face to its stand
+STAND_OFFSET_M = 0.06  # from a board's face to its stand
 
 
-class Surface(NamedTuple):
+class SceneSurface(NamedTuple):
     """A surface: what its kind's intersection takes, the colours (faces, 3) of its faces (BGR, grey
     levels), the radius about its origin that holds it, m, and its sharp corners (n, 3), m."""
 
     name: str
-    kind: str
-    size: tuple
+    shape: str
+    shape_params: tuple
     colors: np.ndarray
-    radius: float
-    corners: np.ndarray
+    bounding_radius_m: float
+    corners_m: np.ndarray
 
 
-class Scene(NamedTuple):
+class SimulatedScene(NamedTuple):
     """Surfaces, the first label of each, and colour (labels, 3) and surface of each label."""
 
     surfaces: tuple
-    first: np.ndarray
-    colors: np.ndarray
-    surface: np.ndarray
+    first_labels: np.ndarray
+    label_colors: np.ndarray
+    label_surfaces: np.ndarray
 
 
-def build(targets, scale=1.0):
+def build_scene(targets, size_factor=1.0):
     """Scene of the room with the targets of TARGETS so named and their stands.
 
-    scale: built size of the targets over the size that TARGETS states.
+    size_factor: built size of the targets over the size that TARGETS states.
     """
-    surfaces = [_room(), *(_box(name) for name in BOXES)]
+    surfaces = [_make_room(), *(_make_box(name) for name in BOXES)]
     for name in targets:
-        surfaces += _target(name, scale)
+        surfaces += _make_target_surfaces(name, size_factor)
     faces = [len(s.colors) for s in surfaces]
-    return Scene(
+    return SimulatedScene(
         tuple(surfaces),
         np.concatenate([[0], np.cumsum(faces)[:-1]]),
         np.concatenate([s.colors for s in surfaces]).astype(float),
@@ -82,51 +82,53 @@ def build(targets, scale=1.0):
     )
 
 
-def index(scene, name):
+def find_surface_index(scene, surface_name):
     """Position of the surface so named."""
-    return next(i for i, s in enumerate(scene.surfaces) if s.name == name)
+    return next(i for i, s in enumerate(scene.surfaces) if s.name == surface_name)
 
 
-def _room():
+def _make_room():
     colors = np.array([(95, 100, 105), (135, 135, 130), (120, 125, 125), (75, 70, 65)])
-    return Surface("room", "room", ROOM, colors, np.inf, np.zeros((0, 3)))
+    return SceneSurface("room", "room", ROOM_SIZE_M, colors, np.inf, np.zeros((0, 3)))
 
 
-def _box(name):
+def _make_box(name):
     _, half, color = BOXES[name]
     colors = np.outer([0.8, 1.0, 1.15], color)
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
-    return Surface(name, "box", half, colors, np.linalg.norm(half), signs * half)
+    return SceneSurface(name, "box", half, colors, np.linalg.norm(half), signs * half)
 
 
-def _rod(name, length, radius):
+def _make_rod(name, length, radius):
     size = (length, radius)
     reach = np.hypot(length / 2, radius)
-    return Surface(name, "cylinder", size, np.tile(METAL, (3, 1)), reach, np.zeros((0, 3)))
+    return SceneSurface(name, "cylinder", size, np.tile(METAL, (3, 1)), reach, np.zeros((0, 3)))
 
 
-def _target(name, scale):
-    spec = TARGETS[name]
+def _make_target_surfaces(name, size_factor):
+    spec = SIMULATED_TARGETS[name]
     if spec["shape"] == "board":
-        outline = scale * np.array(spec["outline_m"])
+        outline = size_factor * np.array(spec["outline_m"])
         flat = np.column_stack([outline, np.zeros(len(outline))])
         reach = np.linalg.norm(outline, axis=1).max()
-        board = Surface(name, "board", _board_size(spec, scale), _board_colors(spec), reach, flat)
-        return [board, _rod("board_arm", ARM_M, 0.015), _rod("board_pole", POLE_M, 0.02)]
-    size = (scale * spec["length_m"], scale * spec["radius_m"])
+        board = SceneSurface(
+            name, "board", _board_shape_params(spec, size_factor), _board_colors(spec), reach, flat
+        )
+        return [board, _make_rod("board_arm", ARM_M, 0.015), _make_rod("board_pole", POLE_M, 0.02)]
+    size = (size_factor * spec["length_m"], size_factor * spec["radius_m"])
     reach = np.hypot(size[0] / 2, size[1])
     colors = np.tile(GREEN, (3, 1))
-    body = Surface(name, "cylinder", size, colors, reach, np.zeros((0, 3)))
-    return [body, _rod("cylinder_rod", ROD_M, 0.015), _rod("cylinder_pole", POLE_M, 0.02)]
+    body = SceneSurface(name, "cylinder", size, colors, reach, np.zeros((0, 3)))
+    return [body, _make_rod("cylinder_rod", ROD_M, 0.015), _make_rod("cylinder_pole", POLE_M, 0.02)]
 
 
-def _board_size(spec, scale):
+def _board_shape_params(spec, size_factor):
     """Outline's half-planes n · (x, y) ≤ c, low corner of the squares, side, and their numbers."""
-    outline, pattern = scale * np.array(spec["outline_m"]), spec["pattern"]
+    outline, pattern = size_factor * np.array(spec["outline_m"]), spec["pattern"]
     along = np.roll(outline, -1, axis=0) - outline
     normals = np.column_stack([along[:, 1], -along[:, 0]])
-    square = scale * pattern["square_m"]
-    low = tuple(scale * c - square for c in pattern["first_corner_m"])
+    square = size_factor * pattern["square_m"]
+    low = tuple(size_factor * c - square for c in pattern["first_corner_m"])
     count = tuple(c + 1 for c in pattern["inner_corners"])
     return normals, np.sum(normals * outline, axis=1), low, square, count
 
@@ -141,11 +143,11 @@ def _board_colors(spec):
     return np.concatenate([[METAL], colors.reshape(-1, 3)])
 
 
-def marks(name):
+def visibility_points(target_name):
     """Points (n, 3), target frame, m, that a camera must see, and the normals (n, 3) there: the
     corners of a board's squares, or a cylinder's side up to its ends."""
-    spec = TARGETS[name]
-    if name != "board":
+    spec = SIMULATED_TARGETS[target_name]
+    if target_name != "board":
         along = np.linspace(-0.49, 0.49, 9) * spec["length_m"]
         x, a = (g.ravel() for g in np.meshgrid(along, np.deg2rad(np.arange(0, 360, 30))))
         normal = np.stack([np.zeros_like(a), np.cos(a), np.sin(a)], -1)
@@ -159,50 +161,57 @@ def marks(name):
     return np.stack([x, y, np.zeros_like(x)], -1), np.tile([0.0, 0.0, 1.0], (len(x), 1))
 
 
-def poses(T_world_targets):
+def place_surfaces(T_world_targets):
     """T_world_surface (..., 4, 4) by name, from those of the targets (..., 4, 4) by name."""
-    T = {"room": np.eye(4), **{name: pose(t=box[0]) for name, box in BOXES.items()}}
+    T = {"room": np.eye(4), **{name: make_pose(t=box[0]) for name, box in BOXES.items()}}
     for name, T_world_target in T_world_targets.items():
         T[name] = T_world_target
-        T.update(_board_stand(T_world_target) if name == "board" else _rod_stand(T_world_target))
+        T.update(
+            _board_stand_poses(T_world_target)
+            if name == "board"
+            else _cylinder_stand_poses(T_world_target)
+        )
     return T
 
 
-def _board_stand(T):
+def _board_stand_poses(T):
     """A horizontal arm that starts 6 cm behind the centre, and a pole below it, behind the face.
 
     Where the face looks down a pole under the centre would pierce it: it stands further back, so
     that it is 3 cm behind the face's plane down to 0.85 m below the centre, lower than the board.
     """
     normal = T[..., :3, 2]
-    start = T[..., :3, 3] - BEHIND_M * normal
+    start = T[..., :3, 3] - STAND_OFFSET_M * normal
     flat = normal * [1, 1, 0]
     horizontal = np.linalg.norm(flat, axis=-1, keepdims=True)
     back = -flat / horizontal
     offset = np.clip((0.85 * -normal[..., 2:] - 0.03) / horizontal, 0, ARM_M)
     return {
-        "board_arm": _along(back, start + back * ARM_M / 2),
-        "board_pole": _pole(start + back * offset),
+        "board_arm": _frame_along_axis(back, start + back * ARM_M / 2),
+        "board_pole": _pole_pose(start + back * offset),
     }
 
 
-def _rod_stand(T):
+def _cylinder_stand_poses(T):
     """A rod out of the cap at -x, along the axis, and a pole below the rod's end."""
-    half = TARGETS["cylinder"]["length_m"] / 2
+    half = SIMULATED_TARGETS["cylinder"]["length_m"] / 2
     rod = T.copy()
-    rod[..., :3, 3] = transform(T, [-half - ROD_M / 2, 0, 0])
-    return {"cylinder_rod": rod, "cylinder_pole": _pole(transform(T, [-half - ROD_M, 0, 0]))}
+    rod[..., :3, 3] = transform_points(T, [-half - ROD_M / 2, 0, 0])
+    return {
+        "cylinder_rod": rod,
+        "cylinder_pole": _pole_pose(transform_points(T, [-half - ROD_M, 0, 0])),
+    }
 
 
-def _pole(top):
+def _pole_pose(top):
     """Frame of a vertical pole that ends at top (..., 3)."""
     up = np.broadcast_to([0.0, 0.0, 1.0], top.shape)
-    return _along(up, top - [0, 0, POLE_M / 2])
+    return _frame_along_axis(up, top - [0, 0, POLE_M / 2])
 
 
-def _along(x, centre):
+def _frame_along_axis(x, centre):
     """Frame at centre (..., 3) whose x axis is the unit vector x (..., 3)."""
     helper = np.where(np.abs(x[..., 2:]) > 0.9, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
     y = np.cross(helper, x)
     y = y / np.linalg.norm(y, axis=-1, keepdims=True)
-    return pose(np.stack([x, y, np.cross(x, y)], -1), centre)
+    return make_pose(np.stack([x, y, np.cross(x, y)], -1), centre)

@@ -2,70 +2,83 @@
 
 import numpy as np
 
-from calib.geometry.se3 import pose, so3_exp, so3_log
+from calib.geometry.se3 import make_pose, so3_exp, so3_log
 
-START_NS = 1_700_000_000_000_000_000
+SIMULATION_START_NS = 1_700_000_000_000_000_000
 
 
-def placement_times(slots, hold_s, move_s):
-    """Start and end (n, 2) of placements, int64 ns, that begin in the slots (n,) of time, each as
+def schedule_placements(time_slots, hold_s, move_s):
+    """Start and end (n, 2) of placements, int64 ns, that begin in the time_slots (n,) of time, each as
     long as a placement and a move."""
-    start = START_NS + np.asarray(slots, np.int64) * round((hold_s + move_s) * 1e9)
+    start = SIMULATION_START_NS + np.asarray(time_slots, np.int64) * round((hold_s + move_s) * 1e9)
     return np.stack([start, start + round(hold_s * 1e9)], -1)
 
 
-def blend(t, times):
+def find_motion_progress(t, placement_times_ns):
     """Placement (n,) before the times t (n,), ns, and the fraction (n,) of the way to the next.
 
     The fraction is that of a minimum-jerk motion: 0 during a placement, with no velocity and no
     acceleration where a motion starts and ends. Before the first and after the last all is still.
     """
     t = np.asarray(t, np.int64)
-    k = np.clip(np.searchsorted(times[:, 0], t, side="right") - 1, 0, len(times) - 1)
-    following = np.minimum(k + 1, len(times) - 1)
-    length = np.maximum(times[following, 0] - times[k, 1], 1)
-    s = np.where(following > k, np.clip((t - times[k, 1]) / length, 0, 1), 0.0)
+    k = np.clip(
+        np.searchsorted(placement_times_ns[:, 0], t, side="right") - 1,
+        0,
+        len(placement_times_ns) - 1,
+    )
+    following = np.minimum(k + 1, len(placement_times_ns) - 1)
+    length = np.maximum(placement_times_ns[following, 0] - placement_times_ns[k, 1], 1)
+    s = np.where(following > k, np.clip((t - placement_times_ns[k, 1]) / length, 0, 1), 0.0)
     return k, s**3 * (10 - 15 * s + 6 * s * s)
 
 
-def straight(p0, p1, s):
-    """Points (n, 3) at the fractions s (n, 1) of the way."""
-    return p0 + s * (p1 - p0)
+def interpolate_line(p0, p1, fraction):
+    """Points (n, 3) at the fractions fraction (n, 1) of the way."""
+    return p0 + fraction * (p1 - p0)
 
 
-def around(p0, p1, s):
-    """Points (n, 3) at the fractions s (n, 1) of the shorter way around the z axis: a target that
+def interpolate_around_robot(p0, p1, fraction):
+    """Points (n, 3) at the fractions fraction (n, 1) of the shorter way around the z axis: a target that
     goes from the front to the rear is carried around the robot."""
-    (r0, a0), (r1, a1) = (_polar(p) for p in (p0, p1))
+    (r0, a0), (r1, a1) = (_to_polar(p) for p in (p0, p1))
     turn = (a1 - a0 + np.pi) % (2 * np.pi) - np.pi
-    r, a = r0 + s * (r1 - r0), a0 + s * turn
-    return np.concatenate([r * np.cos(a), r * np.sin(a), straight(p0, p1, s)[:, 2:]], axis=1)
+    r, a = r0 + fraction * (r1 - r0), a0 + fraction * turn
+    return np.concatenate(
+        [r * np.cos(a), r * np.sin(a), interpolate_line(p0, p1, fraction)[:, 2:]], axis=1
+    )
 
 
-def _polar(p):
+def _to_polar(p):
     return np.hypot(p[:, :1], p[:, 1:2]), np.arctan2(p[:, 1:2], p[:, :1])
 
 
-def poses_at(t, times, knots, path=straight):
-    """Poses (n, 4, 4) at t (n,), ns, of a body that rests at knots (count, 4, 4)."""
-    k, s = blend(t, times)
-    following = np.minimum(k + 1, len(knots) - 1)
-    out = knots[k].copy()
+def interpolate_placement_poses(
+    t, placement_times_ns, placement_poses, interpolate_position=interpolate_line
+):
+    """Poses (n, 4, 4) at t (n,), ns, of a body that rests at placement_poses (count, 4, 4)."""
+    k, s = find_motion_progress(t, placement_times_ns)
+    following = np.minimum(k + 1, len(placement_poses) - 1)
+    out = placement_poses[k].copy()
     moving = s > 0
     if moving.any():
-        out[moving] = between(knots[k[moving]], knots[following[moving]], s[moving], path)
+        out[moving] = interpolate_pose_pair(
+            placement_poses[k[moving]],
+            placement_poses[following[moving]],
+            s[moving],
+            interpolate_position,
+        )
     return out
 
 
-def between(T0, T1, s, path=straight):
-    """Poses (n, 4, 4) at the fractions s (n,): along the path in position, geodesic in rotation."""
+def interpolate_pose_pair(T0, T1, fraction, interpolate_position=interpolate_line):
+    """Poses (n, 4, 4) at the fractions fraction (n,): along the path in position, geodesic in rotation."""
     turn = so3_log(np.swapaxes(T0[..., :3, :3], -1, -2) @ T1[..., :3, :3])
-    R = T0[..., :3, :3] @ so3_exp(s[..., None] * turn)
-    return pose(R, path(T0[..., :3, 3], T1[..., :3, 3], s[..., None]))
+    R = T0[..., :3, :3] @ so3_exp(fraction[..., None] * turn)
+    return make_pose(R, interpolate_position(T0[..., :3, 3], T1[..., :3, 3], fraction[..., None]))
 
 
-def values_at(t, times, knots):
-    """Values (n, m) at t (n,), ns, blended between knots (count, m) as the poses are."""
-    k, s = blend(t, times)
-    following = np.minimum(k + 1, len(knots) - 1)
-    return knots[k] + s[:, None] * (knots[following] - knots[k])
+def interpolate_placement_values(t, placement_times_ns, placement_values):
+    """Values (n, m) at t (n,), ns, blended between placement_values (count, m) as the poses are."""
+    k, s = find_motion_progress(t, placement_times_ns)
+    following = np.minimum(k + 1, len(placement_values) - 1)
+    return placement_values[k] + s[:, None] * (placement_values[following] - placement_values[k])

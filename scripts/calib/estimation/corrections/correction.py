@@ -6,14 +6,15 @@ from functools import cached_property
 
 import numpy as np
 
-from calib.estimation import noise_model, pose_chain
-from calib.estimation.residuals import residual_registry
+from calib.estimation import pose_chain
+from calib.estimation.noise_model import noise_key
+from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
 
-METRE = 1e-6  # step of a finite difference
+FINITE_STEP_M = 1e-6  # step of a finite difference
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class Correction:
     """name, e.g. squares; of: the target or sensor that it is about, on_sensor says which;
     kinds: of the measurements that depend on it, none for all; size: how many numbers θ;
     derivative(view) -> (size, k, n) of the standardised residuals of a View; told(θ, σ) -> what is
@@ -28,43 +29,49 @@ class Hypothesis:
     default zero."""
 
     name: str
-    of: str
-    on_sensor: bool
+    subject: str
+    is_sensor_correction: bool
     kinds: tuple
-    size: int
+    n_values: int
     derivative: Callable = field(repr=False)
-    told: Callable = field(repr=False)
+    describe: Callable = field(repr=False)
     remedy: str
-    sigma: np.ndarray | None = field(default=None, repr=False)
-    mended: Callable | None = field(default=None, repr=False)
-    instead: "Hypothesis | None" = field(default=None, repr=False)
-    joined: Callable | None = field(default=None, repr=False)
-    moving: bool = False
-    delay: Callable | None = field(default=None, repr=False)
-    session: bool = False
-    start: np.ndarray | None = field(default=None, repr=False)
+    prior_sigma: np.ndarray | None = field(default=None, repr=False)
+    apply_to_model: Callable | None = field(default=None, repr=False)
+    estimated_form: "Correction | None" = field(default=None, repr=False)
+    as_free_mount: Callable | None = field(default=None, repr=False)
+    is_moving_only: bool = False
+    clock_delay: Callable | None = field(default=None, repr=False)
+    is_per_session: bool = False
+    initial_values: np.ndarray | None = field(default=None, repr=False)
 
-    def estimated(self, setup):
+    def add_to_setup(self, setup):
         """The Setup in which its numbers are estimated, or None where they cannot be."""
-        if self.joined:
-            return self.joined(setup)
-        if not self.mended:
+        if self.as_free_mount:
+            return self.as_free_mount(setup)
+        if not self.apply_to_model:
             return None
-        return replace(setup, corrections=(*setup.corrections, self.instead or self))
+        return replace(setup, corrections=(*setup.corrections, self.estimated_form or self))
 
-    def touches(self, setup, group):
+    def affects(self, setup, group):
         """Whether residuals of a group may depend on it."""
         place = setup.placements[group.placement]
         target = place.target
-        if self.session:
-            return self.of == place.session
-        exact = setup.targets[target].points is None and (group.moving or not self.moving)
+        if self.is_per_session:
+            return self.subject == place.session
+        exact = setup.targets[target].point_template is None and (
+            group.is_moving or not self.is_moving_only
+        )
         concerned = not self.kinds or group.kind in self.kinds
-        return exact and concerned and self.of == (group.sensor if self.on_sensor else target)
+        return (
+            exact
+            and concerned
+            and self.subject == (group.sensor if self.is_sensor_correction else target)
+        )
 
 
 @dataclass(frozen=True)
-class View:
+class GroupLinearization:
     """A group where the estimate stands: its sensor's model there, its Assignment, and J (k, 6, n),
     the derivatives of its standardised residuals by the right perturbation of T_sensor_target."""
 
@@ -72,8 +79,8 @@ class View:
     state: object
     model: object
     group: object
-    assigned: object
-    J: np.ndarray
+    assignment: object
+    J_pose: np.ndarray
 
     @property
     def target(self):
@@ -85,37 +92,37 @@ class View:
         return pose_chain.T_sensor_target(self.setup, self.state, g.sensor, g.placement)
 
     @cached_property
-    def by_range(self):
+    def range_derivative(self):
         """Derivative (k, n) by what the measured ranges are too long by, m."""
-        nearer = replace(self.model, range_bias=self.model.range_bias + METRE)
-        moved = self.changed(model=nearer)
-        return (moved - self.assigned.standard.T) / METRE
+        nearer = replace(self.model, range_bias=self.model.range_bias + FINITE_STEP_M)
+        moved = self.residuals_with(model=nearer)
+        return (moved - self.assignment.standardized.T) / FINITE_STEP_M
 
-    def changed(self, model=None, target=None, T_sensor_target=None):
+    def residuals_with(self, model=None, target=None, T_sensor_target=None):
         """Standardised residuals (k, n) with another model, target or pose, in the same σ; a
         measurement that then belongs elsewhere keeps its residual."""
-        g, setup, state, now = self.group, self.setup, self.state, self.assigned
-        found = residual_registry.KINDS[g.kind].assign(
+        g, setup, state, now = self.group, self.setup, self.state, self.assignment
+        found = RESIDUAL_KINDS[g.kind].assign(
             self.model if model is None else model,
             self.target if target is None else target,
             self.T_sensor_target if T_sensor_target is None else T_sensor_target,
             g.keypoints,
-            setup.associate,
-            state.noise[noise_model.of(g)],
+            setup.associate_options,
+            state.noise[noise_key(g)],
         )
-        same = (found.nearest == now.nearest)[:, None]
-        return replace(now, value=np.where(same, found.value, now.value)).standard.T
+        same = (found.candidate_feature == now.candidate_feature)[:, None]
+        return replace(now, residual=np.where(same, found.residual, now.residual)).standardized.T
 
 
-def differences(change, steps):
+def make_finite_difference(make_change, steps):
     """derivative of a Hypothesis from change(view, θ) -> arguments of View.changed."""
 
     def derivative(view):
-        before = view.assigned.standard.T
+        before = view.assignment.standardized.T
         rows = np.diag(steps)
         return np.stack(
             [
-                (view.changed(**change(view, row)) - before) / step
+                (view.residuals_with(**make_change(view, row)) - before) / step
                 for row, step in zip(rows, steps, strict=True)
             ]
         )

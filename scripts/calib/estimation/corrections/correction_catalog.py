@@ -6,30 +6,46 @@ objects of a Setup and add it to SOURCES. One that states how a sensor's model i
 estimated along with the poses (refinement.py).
 """
 
-from calib.estimation.corrections import sensor_errors, session_shifts, target_errors
-
-SOURCES = (
-    target_errors.squares,
-    target_errors.outlines,
-    target_errors.cylinders,
-    target_errors.frames,
-    sensor_errors.lenses,
-    sensor_errors.ranges,
-    sensor_errors.beams,
-    sensor_errors.widths,
-    sensor_errors.disagreements,
+from calib.estimation.corrections.sensor_errors import (
+    make_beam_corrections,
+    make_beam_width_corrections,
+    make_lens_corrections,
+    make_outline_twist_corrections,
+    make_range_corrections,
 )
-MOVES = (session_shifts.slips, session_shifts.bumps)
+from calib.estimation.corrections.session_shifts import make_bump_corrections, make_slip_corrections
+from calib.estimation.corrections.target_errors import (
+    make_cylinder_corrections,
+    make_mount_corrections,
+    make_outline_corrections,
+    make_square_corrections,
+)
+
+CORRECTION_SOURCES = (
+    make_square_corrections,
+    make_outline_corrections,
+    make_cylinder_corrections,
+    make_mount_corrections,
+    make_lens_corrections,
+    make_range_corrections,
+    make_beam_corrections,
+    make_beam_width_corrections,
+    make_outline_twist_corrections,
+)
+SESSION_SHIFT_SOURCES = (make_slip_corrections, make_bump_corrections)
 
 
-def all_of(setup):
+def list_testable_corrections(setup):
     """Every Hypothesis of a Setup that it does not estimate already, in a fixed order; without
     those of what moved within a session, which have numbers enough to explain much of anything."""
-    known = {(h.name, h.of) for h in setup.corrections}
-    found = [h for source in SOURCES for h in source(setup)]
-    return [h for h in found if (h.name, h.of) not in known]
+    known = {(h.name, h.subject) for h in setup.corrections}
+    found = [h for source in CORRECTION_SOURCES for h in source(setup)]
+    return [h for h in found if (h.name, h.subject) not in known]
 
 
-def with_moves(setup):
+def list_corrections_and_shifts(setup):
     """Those of all_of, and what may have moved within a session."""
-    return [*all_of(setup), *(h for source in MOVES for h in source(setup))]
+    return [
+        *list_testable_corrections(setup),
+        *(h for source in SESSION_SHIFT_SOURCES for h in source(setup)),
+    ]

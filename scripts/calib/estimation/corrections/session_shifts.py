@@ -2,76 +2,98 @@
 
 import numpy as np
 
-from calib.estimation.corrections.correction import Hypothesis
-from calib.estimation.corrections.number_wording import shift
-from calib.geometry import se3
+from calib.estimation.corrections.correction import Correction
+from calib.estimation.corrections.number_wording import format_twist_sigma
+from calib.geometry.se3 import adjoint, invert_pose
 
-SLIPPED, BUMPED = MOVED = "slipped", "bumped"
-LEAST = 6  # placements in a session, below which nobody asks whether something moved between them
-CUTS = (0.25, 0.5, 0.75)  # of the placements, after which it may have
+TARGET_SLIP, SENSOR_BUMP = SESSION_SHIFT_NAMES = "slipped", "bumped"
+MIN_SHIFT_PLACEMENTS = (
+    6  # placements in a session, below which nobody asks whether something moved between them
+)
+SHIFT_CUT_SHARES = (0.25, 0.5, 0.75)  # of the placements, after which it may have
 
 
-def slips(setup):
+def make_slip_corrections(setup):
     """A target that sits elsewhere in its MCS body from some placement on: its markers were
     knocked, or it slipped in its holder."""
-    exact = {n for n, target in setup.targets.items() if target.points is None}
-    for (session, name), starts in sorted(_rests(setup, lambda g, p: p.target).items()):
+    exact = {n for n, target in setup.targets.items() if target.point_template is None}
+    for (session, name), starts in sorted(_placement_starts(setup, lambda g, p: p.target).items()):
         if name in exact:
             remedy = f"see whether {name} or its markers were knocked then"
-            yield from _since(
-                SLIPPED, name, False, session, starts, _of_target, "in its MCS body", remedy
+            yield from _make_shift_corrections(
+                TARGET_SLIP,
+                name,
+                False,
+                session,
+                starts,
+                _target_twist_derivative,
+                "in its MCS body",
+                remedy,
             )
 
 
-def bumps(setup):
+def make_bump_corrections(setup):
     """A sensor that sits elsewhere on the robot from some placement on."""
-    for (session, name), starts in sorted(_rests(setup, lambda g, p: g.sensor).items()):
+    for (session, name), starts in sorted(_placement_starts(setup, lambda g, p: g.sensor).items()):
         remedy = f"see whether {name} was bumped then"
-        yield from _since(BUMPED, name, True, session, starts, _of_sensor, "on the robot", remedy)
+        yield from _make_shift_corrections(
+            SENSOR_BUMP,
+            name,
+            True,
+            session,
+            starts,
+            _sensor_twist_derivative,
+            "on the robot",
+            remedy,
+        )
 
 
-def _rests(setup, of):
+def _placement_starts(setup, name_subject):
     """{(session, name): {start, ns, of the still placements}}; of(group, placement) names it."""
     out = {}
     for g in setup.groups:
         place = setup.placements[g.placement]
-        if place.moving is None:
-            out.setdefault((place.session, of(g, place)), set()).add(place.start)
+        if place.moving_view is None:
+            out.setdefault((place.session, name_subject(g, place)), set()).add(place.start_ns)
     return out
 
 
-def _cuts(starts):
+def _cut_starts(starts):
     """[(start, ns, of the first placement after a cut, its number from 1)]."""
-    if len(starts) < LEAST:
+    if len(starts) < MIN_SHIFT_PLACEMENTS:
         return []
     order = sorted(starts)
-    return [(order[int(share * len(order))], int(share * len(order)) + 1) for share in CUTS]
+    return [
+        (order[int(share * len(order))], int(share * len(order)) + 1) for share in SHIFT_CUT_SHARES
+    ]
 
 
-def _since(name, of, on_sensor, session, starts, derivative, where, remedy):
+def _make_shift_corrections(
+    name, subject, on_sensor, session, starts, derivative, place_text, remedy
+):
     """Hypotheses of a pose that differs from some of the starts, ns, of a session on."""
     apart = "calibrate what comes before and after as sessions of their own (from_s, to_s)"
-    for first, count in _cuts(starts):
+    for first, count in _cut_starts(starts):
 
         def slope(view, first=first):
             place = view.setup.placements[view.group.placement]
-            later = place.session == session and place.start >= first
-            return derivative(view) if later else np.zeros((6, *view.J.shape[::2]))
+            later = place.session == session and place.start_ns >= first
+            return derivative(view) if later else np.zeros((6, *view.J_pose.shape[::2]))
 
         def told(theta, sigma, count=count):
             return (
-                f"{of} sits elsewhere {where} from its placement {count} in session {session} on, "
-                f"along and about its own x, y, z: by {shift(theta, sigma)}"
+                f"{subject} sits elsewhere {place_text} from its placement {count} in session {session} on, "
+                f"along and about its own x, y, z: by {format_twist_sigma(theta, sigma)}"
             )
 
-        yield Hypothesis(name, of, on_sensor, (), 6, slope, told, f"{remedy}; {apart}")
+        yield Correction(name, subject, on_sensor, (), 6, slope, told, f"{remedy}; {apart}")
 
 
-def _of_target(view):
-    return np.swapaxes(view.J, 0, 1)
+def _target_twist_derivative(view):
+    return np.swapaxes(view.J_pose, 0, 1)
 
 
-def _of_sensor(view):
+def _sensor_twist_derivative(view):
     """(6, k, n) by the right perturbation of T_robot_sensor."""
-    A = -se3.adjoint(se3.inverse(view.T_sensor_target))
-    return np.einsum("kin,ij->jkn", view.J, A)
+    A = -adjoint(invert_pose(view.T_sensor_target))
+    return np.einsum("kin,ij->jkn", view.J_pose, A)

@@ -7,7 +7,7 @@ thirty times as much.
 import casadi as ca
 import numpy as np
 
-UFUNCS = {
+NUMPY_BY_CASADI_OP = {
     ca.OP_ADD: np.add,
     ca.OP_SUB: np.subtract,
     ca.OP_MUL: np.multiply,
@@ -44,14 +44,14 @@ UFUNCS = {
 }
 
 
-def over_arrays(function):
+def vectorize_casadi_function(function):
     """f(*inputs) -> list of outputs, each a list of arrays, of an SX Function.
 
     An input is a sequence of the function's input elements, column by column, each a number or an
     array (n,); an output lists its elements likewise, each a number or an array (n,). Raises
     ValueError for an instruction that UFUNCS does not know.
     """
-    program = [_instruction(function, k) for k in range(function.n_instructions())]
+    program = [_parse_instruction(function, k) for k in range(function.n_instructions())]
     width = function.sz_w()
     counts = [function.nnz_out(i) for i in range(function.n_out())]
 
@@ -72,7 +72,7 @@ def over_arrays(function):
     return run
 
 
-def _instruction(function, k):
+def _parse_instruction(function, k):
     """(what to do, where to, where from) of the k-th instruction."""
     op = function.instruction_id(k)
     to, source = function.instruction_output(k), function.instruction_input(k)
@@ -82,8 +82,8 @@ def _instruction(function, k):
         return "output", to, source
     if op == ca.OP_CONST:
         return "constant", to, float(function.instruction_constant(k))
-    if op not in UFUNCS:
+    if op not in NUMPY_BY_CASADI_OP:
         raise ValueError(
             f"CasADi instruction {op} has no NumPy function in casadi_vectorized.UFUNCS"
         )
-    return UFUNCS[op], to, source
+    return NUMPY_BY_CASADI_OP[op], to, source

@@ -2,39 +2,39 @@
 
 import numpy as np
 
-LEAST = 1e-200  # of an unknown that nothing tells; its inverse must not overflow
-ROUNDING = 1e-13  # of the largest eigenvalue: below this an eigenvalue is rounding
+MIN_INFORMATION = 1e-200  # of an unknown that nothing tells; its inverse must not overflow
+MIN_EIGENVALUE_RATIO = 1e-13  # of the largest eigenvalue: below this an eigenvalue is rounding
 
 
-def to_unit(information):
+def scale_to_unit_diagonal(information):
     """Factors (n,) of the unknowns that give each unit information, and the matrix (n, n) then."""
-    scale = 1 / np.sqrt(np.maximum(np.diag(information), LEAST))
+    scale = 1 / np.sqrt(np.maximum(np.diag(information), MIN_INFORMATION))
     return scale, scale[:, None] * information * scale
 
 
-def eigen(information):
+def decompose_information(information):
     """Eigenvalues (n,), eigenvectors (n, n) in the units of the unknowns, and which are rounding.
 
     Taken after scaling every unknown to unit information, for measurements of a micrometre beside
     pose priors of a tenth of a millimetre leave no other way through double precision.
     """
-    scale, scaled = to_unit(information)
+    scale, scaled = scale_to_unit_diagonal(information)
     values, vectors = np.linalg.eigh(scaled)
-    return values, scale[:, None] * vectors, values <= ROUNDING * values[-1]
+    return values, scale[:, None] * vectors, values <= MIN_EIGENVALUE_RATIO * values[-1]
 
 
-def covariance(information):
+def covariance_from_information(information):
     """Covariance (n, n) of all unknowns, positive semidefinite by construction.
 
     Directions that nothing determines are held; observability.undetermined names them.
     """
-    values, vectors, rounding = eigen(information)
+    values, vectors, rounding = decompose_information(information)
     root = vectors[:, ~rounding] / np.sqrt(values[~rounding])
     return root @ root.T
 
 
-def inverse(information):
+def invert_information(information):
     """Inverse (n, n), quicker than `covariance`; directions that nothing determines are vast."""
-    scale, scaled = to_unit(information)
-    scaled += ROUNDING * np.eye(len(scale))
+    scale, scaled = scale_to_unit_diagonal(information)
+    scaled += MIN_EIGENVALUE_RATIO * np.eye(len(scale))
     return scale[:, None] * np.linalg.inv(scaled) * scale

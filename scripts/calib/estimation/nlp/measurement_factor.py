@@ -7,7 +7,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Part:
+class Factor:
     """One group of measurements about where its T_sensor_target (4, 4) stands.
 
     r (k, n), J (k, 6, n), D (q, k, n): residuals, and their derivatives by its right perturbation
@@ -20,106 +20,118 @@ class Part:
     """
 
     T_sensor_target: np.ndarray
-    r: np.ndarray
-    J: np.ndarray
-    D: np.ndarray
+    residuals: np.ndarray
+    J_pose: np.ndarray
+    J_theta: np.ndarray
     weight: np.ndarray
     cost: float
     columns: np.ndarray
-    A: np.ndarray
-    spread: np.ndarray | None = None
-    error: np.ndarray | None = None
+    dpose_dx: np.ndarray
+    view_covariance: np.ndarray | None = None
+    view_error: np.ndarray | None = None
 
-    def _by_pose(self, D):
+    def _pose_cross_information(self, D):
         """(6, p) Σ w Jᵀ D of derivatives D (p, k, n)."""
-        return np.einsum("kin,pkn->ip", self.J * self.weight, D, optimize=True)
+        return np.einsum("kin,pkn->ip", self.J_pose * self.weight, D, optimize=True)
 
     @cached_property
-    def _plain(self):
+    def _measurement_system(self):
         """Information (6, 6) and gradient (6,) by the pose, were it without an error of its own.
 
         Weights of a robust loss held fixed bound its cost from above: no step overshoots.
         """
-        H = sum((self.weight * J) @ J.T for J in self.J)
-        return H, sum(J @ (self.weight * r) for r, J in zip(self.r, self.J, strict=True))
+        H = sum((self.weight * J) @ J.T for J in self.J_pose)
+        return H, sum(
+            J @ (self.weight * r) for r, J in zip(self.residuals, self.J_pose, strict=True)
+        )
 
     @cached_property
-    def _free(self):
+    def _view_error_covariance(self):
         """(6, 6) covariance of a view's own error given the rest."""
-        H = self._plain[0]
-        return self.spread @ np.linalg.inv(np.eye(6) + H @ self.spread)
+        H = self._measurement_system[0]
+        return self.view_covariance @ np.linalg.inv(np.eye(6) + H @ self.view_covariance)
 
     @cached_property
-    def gradient(self):
+    def pose_gradient(self):
         """(6,), of the cost by the right perturbation of T_sensor_target."""
-        H, g = self._plain
-        if self.spread is None:
+        H, g = self._measurement_system
+        if self.view_covariance is None:
             return g
-        g = g - H @ self.error
-        return g - H @ (self._free @ g)
+        g = g - H @ self.view_error
+        return g - H @ (self._view_error_covariance @ g)
 
     @cached_property
-    def information(self):
+    def pose_information(self):
         """(6, 6), likewise: what the measurements tell of it, and Gauss-Newton's Hessian."""
-        H = self._plain[0]
-        return H if self.spread is None else H - H @ self._free @ H
+        H = self._measurement_system[0]
+        return H if self.view_covariance is None else H - H @ self._view_error_covariance @ H
 
     @cached_property
-    def coupling(self):
+    def pose_theta_information(self):
         """(6, q), likewise, between it and those of θ."""
-        C = self._by_pose(self.D)
-        return C if self.spread is None else C - self._plain[0] @ self._free @ C
+        C = self._pose_cross_information(self.J_theta)
+        return (
+            C
+            if self.view_covariance is None
+            else C - self._measurement_system[0] @ self._view_error_covariance @ C
+        )
 
     @cached_property
-    def of_theta(self):
+    def theta_system(self):
         """Hessian (q, q) and gradient (q,) of the cost by those of θ."""
-        K = np.einsum("qkn,pkn->qp", self.D * self.weight, self.D, optimize=True)
-        s = np.einsum("qkn,kn->q", self.D * self.weight, self.r, optimize=True)
-        if self.spread is not None:
-            C, (H, g) = self._by_pose(self.D), self._plain
-            s = s - C.T @ (self.error + self._free @ (g - H @ self.error))
-            K = K - C.T @ self._free @ C
+        K = np.einsum("qkn,pkn->qp", self.J_theta * self.weight, self.J_theta, optimize=True)
+        s = np.einsum("qkn,kn->q", self.J_theta * self.weight, self.residuals, optimize=True)
+        if self.view_covariance is not None:
+            C, (H, g) = self._pose_cross_information(self.J_theta), self._measurement_system
+            s = s - C.T @ (
+                self.view_error + self._view_error_covariance @ (g - H @ self.view_error)
+            )
+            K = K - C.T @ self._view_error_covariance @ C
         return K, s
 
-    def wander(self, step):
+    def update_view_error(self, step):
         """(6,): a view's own error at its best, its unknowns having moved by step (m,)."""
-        (H, g), q = self._plain, len(self.D)
-        eta = self.A @ step - self.error
+        (H, g), q = self._measurement_system, len(self.J_theta)
+        eta = self.dpose_dx @ step - self.view_error
         delta = step[len(step) - q :]
-        return -self._free @ (H @ eta + g + self._by_pose(self.D) @ delta)
+        return -self._view_error_covariance @ (
+            H @ eta + g + self._pose_cross_information(self.J_theta) @ delta
+        )
 
-    def by_unknowns(self, D):
+    def cross_information(self, D):
         """(m, p) Σ w Dᵀ ∂r/∂x of derivatives D (p, k, n) by other numbers, x its own unknowns."""
-        C = self._by_pose(D)
-        own = np.einsum("qkn,pkn->qp", self.D * self.weight, D, optimize=True)
-        if self.spread is not None:
-            own = own - self._by_pose(self.D).T @ self._free @ C
-            C = C - self._plain[0] @ self._free @ C
-        out = self.A.T @ C
+        C = self._pose_cross_information(D)
+        own = np.einsum("qkn,pkn->qp", self.J_theta * self.weight, D, optimize=True)
+        if self.view_covariance is not None:
+            own = (
+                own - self._pose_cross_information(self.J_theta).T @ self._view_error_covariance @ C
+            )
+            C = C - self._measurement_system[0] @ self._view_error_covariance @ C
+        out = self.dpose_dx.T @ C
         return np.concatenate([out[: len(out) - len(own)], own])
 
     @cached_property
-    def hessian(self):
+    def hessian_x(self):
         """(m, m): information about its own unknowns."""
-        out, q = self.A.T @ self.information @ self.A, len(self.D)
+        out, q = self.dpose_dx.T @ self.pose_information @ self.dpose_dx, len(self.J_theta)
         if q:
-            out[:, -q:] += self.A.T @ self.coupling
-            out[-q:] += self.coupling.T @ self.A
-            out[-q:, -q:] += self.of_theta[0]
+            out[:, -q:] += self.dpose_dx.T @ self.pose_theta_information
+            out[-q:] += self.pose_theta_information.T @ self.dpose_dx
+            out[-q:, -q:] += self.theta_system[0]
         return out
 
     @cached_property
-    def slope(self):
+    def gradient_x(self):
         """(m,): gradient of the cost by its own unknowns."""
-        out = self.A.T @ self.gradient
-        if len(self.D):
-            out[-len(self.D) :] += self.of_theta[1]
+        out = self.dpose_dx.T @ self.pose_gradient
+        if len(self.J_theta):
+            out[-len(self.J_theta) :] += self.theta_system[1]
         return out
 
 
-def information(parts, weight):
+def joint_information(parts, weight):
     """(n, n): what all measurements tell of the unknowns, and their priors of weight (n,)."""
     total = np.diag(weight**2)
     for p in parts:
-        total[np.ix_(p.columns, p.columns)] += p.hessian
+        total[np.ix_(p.columns, p.columns)] += p.hessian_x
     return total

@@ -4,28 +4,28 @@ from functools import cache
 
 import casadi as ca
 
-from calib.geometry.se3 import exp_coefficients
+from calib.geometry.se3 import so3_exp_coefficients
 
 ca.GlobalOptions.setNumpyMode(1)
 
 
-def se3_exp(xi):
+def symbolic_se3_exp(xi):
     """T (4, 4) of a twist xi (6), smooth at zero."""
     v, K = xi[:3], ca.skew(xi[3:])
-    a, b, c = exp_coefficients(ca.dot(xi[3:], xi[3:]))
+    a, b, c = so3_exp_coefficients(ca.dot(xi[3:], xi[3:]))
     K2 = K @ K
     R = ca.DM.eye(3) + a * K + b * K2
     t = (ca.DM.eye(3) + b * K + c * K2) @ v
     return ca.vertcat(ca.horzcat(R, t), ca.DM([[0, 0, 0, 1]]))
 
 
-def inverse(T):
+def symbolic_inverse(T):
     """T_b_a (4, 4) of T_a_b."""
     R = T[:3, :3].T
     return ca.vertcat(ca.horzcat(R, -R @ T[:3, 3]), ca.DM([[0, 0, 0, 1]]))
 
 
-def kernel(residual, columns):
+def make_residual_function(residual, columns):
     """Function (T (3, 4), d (columns)) -> r (k), J (k, 6) of one measurement, in σ.
 
     J is the derivative by the right perturbation of T_sensor_target.
@@ -38,7 +38,7 @@ def kernel(residual, columns):
     return ca.Function("kernel", [T, d], outputs)
 
 
-def _chain():
+def _chain_expression():
     """Symbols x (24), s (24), three poses (4, 4), and T_sensor_target (3, 4) of them.
 
     x holds the twists of the sensor, of the target in its body, of the robot's MCS pose and of the
@@ -50,21 +50,27 @@ def _chain():
     x, s = ca.SX.sym("x", 24), ca.SX.sym("s", 24)
     poses = [ca.SX.sym(n, 4, 4) for n in ("T_robot_sensor", "T_robot_body", "T_body_target")]
     sensor, mount, robot, body = ca.vertsplit(s * x, 6)
-    T_sensor_robot = se3_exp(-sensor) @ inverse(poses[0])
-    T_robot_target = se3_exp(-robot) @ poses[1] @ se3_exp(body) @ poses[2] @ se3_exp(mount)
+    T_sensor_robot = symbolic_se3_exp(-sensor) @ symbolic_inverse(poses[0])
+    T_robot_target = (
+        symbolic_se3_exp(-robot)
+        @ poses[1]
+        @ symbolic_se3_exp(body)
+        @ poses[2]
+        @ symbolic_se3_exp(mount)
+    )
     return [x, s, *poses], (T_sensor_robot @ T_robot_target)[:3, :]
 
 
 @cache
-def chain():
+def make_chain_function():
     """Function (x, s, T_robot_sensor, T_robot_body, T_body_target) -> T_sensor_target (3, 4); paper
     equation 1 (_chain)."""
-    inputs, T = _chain()
+    inputs, T = _chain_expression()
     return ca.Function("chain", inputs, ca.cse([T]))
 
 
 @cache
-def condensed():
+def make_condensed_cost():
     """Functions of chain's inputs and T0 (3, 4), g (6), H (6, 6), of a cost that is ½ ηᵀHη + gᵀη of
     the perturbation η of T_sensor_target from T0: to the cost, and to its gradient (24), Hessian
     (24, 24), dη/dx (6, 24) and η (6).
@@ -72,7 +78,7 @@ def condensed():
     η = (R₀ᵀ(t - t₀), vee(R₀ᵀR)) is the right perturbation to first order; the Hessian leaves out
     its curvature, as Gauss and Newton do.
     """
-    inputs, T = _chain()
+    inputs, T = _chain_expression()
     T0, g, H = ca.SX.sym("T0", 3, 4), ca.SX.sym("g", 6), ca.SX.sym("H", 6, 6)
     turned = T0[:, :3].T @ T[:, :3]
     eta = ca.vertcat(T0[:, :3].T @ (T[:, 3] - T0[:, 3]), ca.inv_skew((turned - turned.T) / 2))

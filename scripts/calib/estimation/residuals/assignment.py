@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.estimation.residuals import robust_loss
+from calib.estimation.residuals.robust_loss import tukey_weight
 
 
 class Noise(NamedTuple):
@@ -36,81 +36,87 @@ class Assignment:
     σ per axis; None where they are so already.
     """
 
-    nearest: np.ndarray
-    trust: np.ndarray
-    cell: np.ndarray
-    own: np.ndarray
-    value: np.ndarray
+    candidate_feature: np.ndarray
+    geometric_weight: np.ndarray
+    repeat_group: np.ndarray
+    keypoint_sigma: np.ndarray
+    residual: np.ndarray
     range: np.ndarray
-    cosine: np.ndarray
-    numbers: np.ndarray
+    cos_incidence: np.ndarray
+    data: np.ndarray
     noise: Noise
-    gate: float
-    whiten: np.ndarray | None = None
+    gate_sigma: float
+    whitening: np.ndarray | None = None
 
-    def under(self, noise):
+    def with_noise(self, noise):
         """The same at another noise."""
         return replace(self, noise=noise)
 
     @cached_property
-    def candidate(self):
+    def is_candidate(self):
         """Which the geometry admits."""
-        return (self.nearest >= 0) & (self.trust > 0)
+        return (self.candidate_feature >= 0) & (self.geometric_weight > 0)
 
     @cached_property
     def sigma(self):
-        return self.own * self.noise.total
+        return self.keypoint_sigma * self.noise.total
 
     @cached_property
-    def plain(self):
+    def residual_over_sigma0(self):
         """Residuals (n, k) in units of own."""
-        if self.whiten is None:
-            return self.value / self.own[:, None]
-        a, b, c = self.whiten.T
-        u, v = self.value.T
-        return np.column_stack([a * u + b * v, c * v]) / self.own[:, None]
+        if self.whitening is None:
+            return self.residual / self.keypoint_sigma[:, None]
+        a, b, c = self.whitening.T
+        u, v = self.residual.T
+        return np.column_stack([a * u + b * v, c * v]) / self.keypoint_sigma[:, None]
 
     @cached_property
-    def standard(self):
+    def standardized(self):
         """Residuals (n, k) in σ."""
-        return self.plain / self.noise.total
+        return self.residual_over_sigma0 / self.noise.total
 
     @cached_property
-    def size(self):
+    def standardized_norm(self):
         """Residuals (n,) in σ."""
-        return np.linalg.norm(self.standard, axis=1)
+        return np.linalg.norm(self.standardized, axis=1)
 
     @cached_property
     def feature(self):
         """Feature (n,) that each belongs to, -1 for none."""
-        return np.where(self.candidate & (self.size < self.gate), self.nearest, -1)
+        return np.where(
+            self.is_candidate & (self.standardized_norm < self.gate_sigma),
+            self.candidate_feature,
+            -1,
+        )
 
     @cached_property
-    def share(self):
+    def effective_weight(self):
         """Weight (n,) of each in the cost: its trust, less what it repeats of its cell.
 
         m measurements of variance w² + c² with c² in common tell as much as m / (1 + (m - 1) k) of
         them, k = c² / (w² + c²).
         """
-        among = np.bincount(self.cell, self.trust)[self.cell]
+        among = np.bincount(self.repeat_group, self.geometric_weight)[self.repeat_group]
         white, common = np.square(self.noise) / self.noise.total**2
-        return self.trust / (white + common * np.maximum(among, 1.0))
+        return self.geometric_weight / (white + common * np.maximum(among, 1.0))
 
     @cached_property
     def weight(self):
         """Weight (n,) of each in the information: its share, robustly; 0 for non-members."""
         return np.where(
-            self.feature >= 0, self.share * robust_loss.loss_weight(self.size, self.gate), 0.0
+            self.feature >= 0,
+            self.effective_weight * tukey_weight(self.standardized_norm, self.gate_sigma),
+            0.0,
         )
 
     @property
-    def data(self):
+    def weighted_data(self):
         """Data (m + 1, n) of the kind's residual; the weight 1/σ is zero for non-members."""
         weight = np.where(self.feature >= 0, 1 / self.sigma, 0.0)
-        return np.column_stack([self.numbers, weight]).T
+        return np.column_stack([self.data, weight]).T
 
 
-def cells(*parts):
+def number_repeat_groups(*parts):
     """Number (n,) of each combination of the parts (n,), whole numbers of small range."""
     number = np.zeros(len(parts[0]), int)
     for part in parts:

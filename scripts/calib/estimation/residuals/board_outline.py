@@ -3,13 +3,14 @@
 import casadi as ca
 import numpy as np
 
-from calib.estimation.residuals.assignment import Assignment, cells
-from calib.geometry import polygon, se3
+from calib.estimation.residuals.assignment import Assignment, number_repeat_groups
+from calib.geometry.polygon import nearest_polygon_edge
+from calib.geometry.se3 import invert_pose, transform_points
 
-UNIT, ROUNDING = "rad", None
-DATA = ("dx", "dy", "dz", "ax", "ay", "az", "bx", "by", "bz", "wider", "weight")
-VERTEX_M = 0.02  # a crossing nearer than this to a vertex may belong to either edge
-ALONG_SCAN = 0.2  # an edge more parallel than this to the scan line fixes no crossing
+UNIT, MIN_SIGMA = "rad", None
+DATA_COLUMNS = ("dx", "dy", "dz", "ax", "ay", "az", "bx", "by", "bz", "wider", "weight")
+MIN_VERTEX_DISTANCE_M = 0.02  # a crossing nearer than this to a vertex may belong to either edge
+MIN_SCAN_ANGLE_SINE = 0.2  # an edge more parallel than this to the scan line fixes no crossing
 
 
 def assign(lidar, target, T_sensor_target, keypoints, options, noise):
@@ -19,36 +20,38 @@ def assign(lidar, target, T_sensor_target, keypoints, options, noise):
     the edge. Where the scans of a placement repeat a crossing they have its error in common. What
     the lidar's beams see an outline wider (rig.Lidar.widening) is taken off.
     """
-    T_target_sensor = se3.inverse(T_sensor_target)
-    ray = lidar.aimed(keypoints["xyz"], _met(T_target_sensor, keypoints["xyz"])[1])
-    hit, ranges, cosine = _met(T_target_sensor, ray)
-    index, fraction = polygon.nearest_edge(target.vertices, hit[:, :2])
-    ends = target.edges()[index]
+    T_target_sensor = invert_pose(T_sensor_target)
+    ray = lidar.correct_rays(
+        keypoints["xyz"], _intersect_board_plane(T_target_sensor, keypoints["xyz"])[1]
+    )
+    hit, ranges, cosine = _intersect_board_plane(T_target_sensor, ray)
+    index, fraction = nearest_polygon_edge(target.vertices, hit[:, :2])
+    ends = target.outline_edges()[index]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    a, b = (se3.transform(T_sensor_target, ends[:, k]) for k in (0, 1))
+    a, b = (transform_points(T_sensor_target, ends[:, k]) for k in (0, 1))
     normal = np.cross(a, b)
     normal /= np.linalg.norm(normal, axis=1)[:, None]
-    outwards = -np.sign(normal @ se3.transform(T_sensor_target, target.centre[None])[0])
-    wider = outwards * lidar.widening(ranges)
+    outwards = -np.sign(normal @ transform_points(T_sensor_target, target.centre[None])[0])
+    wider = outwards * lidar.outline_dilation(ranges)
     angle = np.sum(normal * ray, 1) - wider
     across = np.abs(np.sum(normal * np.cross([0.0, 0.0, 1.0], ray), 1))
-    clear = np.minimum(fraction, 1 - fraction) * length > VERTEX_M
-    over = clear & (across > ALONG_SCAN) & (cosine > options["min_cosine"])
+    clear = np.minimum(fraction, 1 - fraction) * length > MIN_VERTEX_DISTANCE_M
+    over = clear & (across > MIN_SCAN_ANGLE_SINE) & (cosine > options["min_cosine"])
     return Assignment(
-        nearest=index,
-        trust=over.astype(float),
-        cell=cells(index, keypoints["index"]),
-        own=keypoints["sigma"] * np.maximum(across, ALONG_SCAN),
-        value=angle[:, None],
+        candidate_feature=index,
+        geometric_weight=over.astype(float),
+        repeat_group=number_repeat_groups(index, keypoints["feature_index"]),
+        keypoint_sigma=keypoints["sigma"] * np.maximum(across, MIN_SCAN_ANGLE_SINE),
+        residual=angle[:, None],
         range=ranges,
-        cosine=cosine,
-        numbers=np.column_stack([ray, ends.reshape(-1, 6), wider]),
+        cos_incidence=cosine,
+        data=np.column_stack([ray, ends.reshape(-1, 6), wider]),
         noise=noise,
-        gate=options["gate_sigma"],
+        gate_sigma=options["gate_sigma"],
     )
 
 
-def _met(T_target_sensor, ray):
+def _intersect_board_plane(T_target_sensor, ray):
     """Where rays (n, 3), sensor frame, meet the plane of the target (n, 3), target frame, how far
     off (n,), and the cosine of incidence (n,)."""
     origin, beam = T_target_sensor[:3, 3], ray @ T_target_sensor[:3, :3].T

@@ -3,14 +3,14 @@
 import casadi as ca
 import numpy as np
 
-from calib.estimation.residuals.assignment import Assignment, cells
-from calib.estimation.residuals.robust_loss import taper
+from calib.estimation.residuals.assignment import Assignment, number_repeat_groups
+from calib.estimation.residuals.robust_loss import taper_weight
 
-UNIT, ROUNDING = "px", 1e-2
-DATA = ("dx", "dy", "dz", "side", "px_per_m", "weight")
-TAPER_M = 0.02  # along the axis, over which the weight of a contour point fades in from an end
-PIECES = 8  # of a limb, each with an error of its own that every image repeats
-STEP_RAD = 1e-4  # between the rays from which the scale of the image is taken
+UNIT, MIN_SIGMA = "px", 1e-2
+DATA_COLUMNS = ("dx", "dy", "dz", "side", "px_per_m", "weight")
+END_TAPER_M = 0.02  # along the axis, over which the weight of a contour point fades in from an end
+N_LIMB_PIECES = 8  # of a limb, each with an error of its own that every image repeats
+RAY_STEP_RAD = 1e-4  # between the rays from which the scale of the image is taken
 
 
 def assign(camera, target, T_sensor_target, keypoints, options, noise):
@@ -24,38 +24,38 @@ def assign(camera, target, T_sensor_target, keypoints, options, noise):
     axis, centre = T_sensor_target[:3, 0], T_sensor_target[:3, 3]
     normal = np.cross(axis, ray)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
-    side = keypoints["index"].astype(float)
+    side = keypoints["feature_index"].astype(float)
     gap = side * (normal @ centre) - target.radius
     # The foot of the ray on the axis' normal plane: how far along both lines they come closest.
     across = np.cross(normal, axis)
     depth = (across @ centre) / np.sum(across * ray, 1)
     along = ray @ axis * depth - centre @ axis
-    px_per_m = _px_per_rad(camera, ray, normal) / np.maximum(np.abs(depth), 1e-6)
+    px_per_m = _pixels_per_radian(camera, ray, normal) / np.maximum(np.abs(depth), 1e-6)
     value = gap * px_per_m
-    trust = taper(target.length / 2 - options["edge_margin_m"] - np.abs(along), TAPER_M)
+    trust = taper_weight(target.length / 2 - options["edge_margin_m"] - np.abs(along), END_TAPER_M)
     return Assignment(
-        nearest=np.zeros(len(side), int),
-        trust=np.where(valid & (depth > 0), trust, 0.0),
-        cell=cells(side, _piece(along / target.length)),
-        own=keypoints["sigma"],
-        value=value[:, None],
+        candidate_feature=np.zeros(len(side), int),
+        geometric_weight=np.where(valid & (depth > 0), trust, 0.0),
+        repeat_group=number_repeat_groups(side, _limb_piece_number(along / target.length)),
+        keypoint_sigma=keypoints["sigma"],
+        residual=value[:, None],
         range=depth,
-        cosine=np.sqrt(np.clip(1 - (normal @ centre) ** 2 / (centre @ centre), 0, 1)),
-        numbers=np.column_stack([ray, side, px_per_m]),
+        cos_incidence=np.sqrt(np.clip(1 - (normal @ centre) ** 2 / (centre @ centre), 0, 1)),
+        data=np.column_stack([ray, side, px_per_m]),
         noise=noise,
-        gate=options["gate_sigma"],
+        gate_sigma=options["gate_sigma"],
     )
 
 
-def _piece(share):
+def _limb_piece_number(share):
     """Number (n,) of the piece of the limb, from places along the axis as shares of its length."""
-    return np.floor(PIECES * np.clip(np.nan_to_num(share), -0.5, 0.5))
+    return np.floor(N_LIMB_PIECES * np.clip(np.nan_to_num(share), -0.5, 0.5))
 
 
-def _px_per_rad(camera, ray, normal):
+def _pixels_per_radian(camera, ray, normal):
     """Pixels (n,) per radian where rays (n, 3) point, towards unit normals (n, 3)."""
-    beside = [camera.project(ray + side * STEP_RAD * normal)[0] for side in (-1, 1)]
-    return np.linalg.norm(beside[1] - beside[0], axis=1) / (2 * STEP_RAD)
+    beside = [camera.project(ray + side * RAY_STEP_RAD * normal)[0] for side in (-1, 1)]
+    return np.linalg.norm(beside[1] - beside[0], axis=1) / (2 * RAY_STEP_RAD)
 
 
 def residual(camera, target):

@@ -4,11 +4,11 @@ import casadi as ca
 import numpy as np
 
 from calib.estimation.residuals.assignment import Assignment
-from calib.geometry import se3
-from calib.sensors.camera import camera_model
+from calib.geometry.se3 import invert_pose, transform_points
+from calib.sensors.camera.camera_model import CAMERA_MODELS
 
-UNIT, ROUNDING = "px", 1e-3
-DATA = ("u", "v", "x", "y", "z", "a", "b", "c", "weight")
+UNIT, MIN_SIGMA = "px", 1e-3
+DATA_COLUMNS = ("u", "v", "x", "y", "z", "a", "b", "c", "weight")
 
 
 def assign(camera, target, T_sensor_target, keypoints, options, noise):
@@ -18,42 +18,42 @@ def assign(camera, target, T_sensor_target, keypoints, options, noise):
     a view whose best two labellings fit nearly alike is left out.
     """
     corners = target.pattern.corners()
-    uv, valid = camera.project(se3.transform(T_sensor_target, corners))
+    uv, valid = camera.project(transform_points(T_sensor_target, corners))
     n = len(keypoints["view"])
     corner = np.full(n, -1)
     for view in np.unique(keypoints["view"]):
         rows = np.flatnonzero(keypoints["view"] == view)
-        corner[rows] = _labelling(target.pattern, uv, keypoints, rows)
-    at, whiten = corners[corner], keypoints["whiten"]
-    cosine = target.faces(se3.inverse(T_sensor_target)[:3, 3])[1]
+        corner[rows] = _choose_labelling(target.pattern, uv, keypoints, rows)
+    at, whiten = corners[corner], keypoints["whitening"]
+    cosine = target.check_facing(invert_pose(T_sensor_target)[:3, 3])[1]
     return Assignment(
-        nearest=np.where(valid[corner], corner, -1),
-        trust=np.ones(n),
-        cell=np.maximum(corner, 0),
-        own=keypoints["sigma"],
-        value=keypoints["uv"] - uv[corner],
-        range=np.linalg.norm(se3.transform(T_sensor_target, at), axis=1),
-        cosine=np.full(n, cosine),
-        numbers=np.column_stack([keypoints["uv"], at, whiten]),
+        candidate_feature=np.where(valid[corner], corner, -1),
+        geometric_weight=np.ones(n),
+        repeat_group=np.maximum(corner, 0),
+        keypoint_sigma=keypoints["sigma"],
+        residual=keypoints["uv"] - uv[corner],
+        range=np.linalg.norm(transform_points(T_sensor_target, at), axis=1),
+        cos_incidence=np.full(n, cosine),
+        data=np.column_stack([keypoints["uv"], at, whiten]),
         noise=noise,
-        gate=options["gate_sigma"],
-        whiten=whiten,
+        gate_sigma=options["gate_sigma"],
+        whitening=whiten,
     )
 
 
-def _labelling(pattern, predicted, keypoints, rows):
+def _choose_labelling(pattern, predicted, keypoints, rows):
     """Corner of each row of one view, or -1 for all when two labellings fit nearly alike."""
-    options, misfit = readings(pattern, predicted, keypoints, rows)
+    options, misfit = score_labellings(pattern, predicted, keypoints, rows)
     if len(options) == 1:
         return options[0]
     best, second = np.argsort(misfit)[:2]
     return options[best] if misfit[best] < 0.5 * misfit[second] else -1
 
 
-def readings(pattern, predicted, keypoints, rows):
+def score_labellings(pattern, predicted, keypoints, rows):
     """Corners (m, k) of the rows (k,) of one view by each labelling, and how far (m,), px, rms, the
     measured ones then lie from predicted pixels, but for an offset that they share."""
-    options = pattern.labellings()[:, keypoints["index"][rows]]
+    options = pattern.corner_orders()[:, keypoints["feature_index"][rows]]
     away = keypoints["uv"][rows] - predicted[options]
     away -= away.mean(1, keepdims=True)
     return options, np.sqrt((away**2).sum(-1).mean(-1))
@@ -61,7 +61,7 @@ def readings(pattern, predicted, keypoints, rows):
 
 def residual(camera, target):
     """The measured pixel minus the projected point of the target, whitened, over σ; (2)."""
-    project = camera_model.MODELS[camera.model].project
+    project = CAMERA_MODELS[camera.model].project
 
     def of(R, t, d):
         p = R @ d[2:5] + t

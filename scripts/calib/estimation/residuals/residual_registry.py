@@ -27,23 +27,23 @@ from calib.estimation.residuals import (
     template_vertex,
 )
 
-KINDS = {
-    "cap": cylinder_cap,
-    "corner": pattern_corner,
-    "edge": board_outline,
-    "limb": cylinder_limb,
-    "point": template_point,
-    "silhouette": template_silhouette,
-    "surface": target_surface,
-    "vertex": template_vertex,
+RESIDUAL_KINDS = {
+    "cylinder_cap": cylinder_cap,
+    "pattern_corner": pattern_corner,
+    "board_outline": board_outline,
+    "cylinder_limb": cylinder_limb,
+    "template_point": template_point,
+    "template_silhouette": template_silhouette,
+    "target_surface": target_surface,
+    "template_vertex": template_vertex,
 }
 
 
-def by_nearest_point(kind):
+def uses_template_points(kind):
     """Whether a measurement's feature is the nearest of a template's points."""
-    return hasattr(KINDS[kind], "first")
+    return hasattr(RESIDUAL_KINDS[kind], "assign_first")
 
 
-def first(kind):
+def first_assignment(kind):
     """The function that assigns measurements of a kind before anything was solved."""
-    return getattr(KINDS[kind], "first", KINDS[kind].assign)
+    return getattr(RESIDUAL_KINDS[kind], "assign_first", RESIDUAL_KINDS[kind].assign)

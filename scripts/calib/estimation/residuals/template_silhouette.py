@@ -5,29 +5,29 @@ from scipy.spatial import cKDTree
 
 from calib.estimation.residuals import pattern_corner
 from calib.estimation.residuals.assignment import Assignment
-from calib.geometry import se3
+from calib.geometry.se3 import transform_points
 
-UNIT, ROUNDING = "px", 1e-2
-DATA = pattern_corner.DATA
-RASTER = 2  # cells per projected spacing of the template
-MOST_CELLS = 4000  # along the raster
-ALIKE = (1.0, 0.0, 1.0)  # u and v are: the corner's whitening
+UNIT, MIN_SIGMA = "px", 1e-2
+DATA_COLUMNS = pattern_corner.DATA_COLUMNS
+CELLS_PER_SPACING = 2  # cells per projected spacing of the template
+MAX_RASTER_CELLS = 4000  # along the raster
+ISOTROPIC_WHITENING = (1.0, 0.0, 1.0)  # u and v are: the corner's whitening
 
 
 def assign(camera, target, T_sensor_target, keypoints, options, noise):
     """Every contour pixel with the nearest point of the silhouette at the current pose."""
-    return _matched(camera, target, T_sensor_target, keypoints, options, noise, 0.0)
+    return _assign_silhouette(camera, target, T_sensor_target, keypoints, options, noise, 0.0)
 
 
-def first(camera, target, T_sensor_target, keypoints, options, noise):
+def assign_first(camera, target, T_sensor_target, keypoints, options, noise):
     """As assign, with the centroids of both contours laid on each other."""
-    outline, uv = _silhouette(camera, target, T_sensor_target)
+    outline, uv = _project_silhouette(camera, target, T_sensor_target)
     shift = uv.mean(0) - keypoints["uv"].mean(0) if len(outline) else 0.0
-    return _matched(camera, target, T_sensor_target, keypoints, options, noise, shift)
+    return _assign_silhouette(camera, target, T_sensor_target, keypoints, options, noise, shift)
 
 
-def _matched(camera, target, T_sensor_target, keypoints, options, noise, shift):
-    outline, uv = _silhouette(camera, target, T_sensor_target)
+def _assign_silhouette(camera, target, T_sensor_target, keypoints, options, noise, shift):
+    outline, uv = _project_silhouette(camera, target, T_sensor_target)
     n = len(keypoints["view"])
     point, value = np.full(n, -1), np.zeros((n, 2))
     if len(outline):
@@ -35,34 +35,34 @@ def _matched(camera, target, T_sensor_target, keypoints, options, noise, shift):
         distance, near = cKDTree(uv).query(keypoints["uv"] + shift)
         value = keypoints["uv"] - uv[near]
         point = np.where(distance < reach, outline[near], -1)
-    at = target.points.template[point]
+    at = target.point_template.xyz[point]
     return Assignment(
-        nearest=point,
-        trust=np.ones(n),
-        cell=np.arange(n),
-        own=keypoints["sigma"],
-        value=value,
-        range=np.linalg.norm(se3.transform(T_sensor_target, at), axis=1),
-        cosine=np.zeros(n),
-        numbers=np.column_stack([keypoints["uv"], at, np.tile(ALIKE, (n, 1))]),
+        candidate_feature=point,
+        geometric_weight=np.ones(n),
+        repeat_group=np.arange(n),
+        keypoint_sigma=keypoints["sigma"],
+        residual=value,
+        range=np.linalg.norm(transform_points(T_sensor_target, at), axis=1),
+        cos_incidence=np.zeros(n),
+        data=np.column_stack([keypoints["uv"], at, np.tile(ISOTROPIC_WHITENING, (n, 1))]),
         noise=noise,
-        gate=options["gate_sigma"],
+        gate_sigma=options["gate_sigma"],
     )
 
 
-def _silhouette(camera, target, T_sensor_target):
+def _project_silhouette(camera, target, T_sensor_target):
     """Indices (m,) of the template points on the rim of their own projection, and pixels (m, 2)."""
-    uv, valid = camera.project(se3.transform(T_sensor_target, target.points.template))
-    rows = np.flatnonzero(valid & camera.in_image(uv))
+    uv, valid = camera.project(transform_points(T_sensor_target, target.point_template.xyz))
+    rows = np.flatnonzero(valid & camera.is_in_image(uv))
     if len(rows) < 3:
         return rows[:0], np.zeros((0, 2))
-    near = target.points.neighbours[rows]
+    near = target.point_template.nearest_neighbour[rows]
     spacing = np.median(np.linalg.norm(uv[near] - uv[rows], axis=1)[valid[near]])
-    index = rim(uv[rows], float(spacing))
+    index = find_rim_points(uv[rows], float(spacing))
     return rows[index], uv[rows][index]
 
 
-def rim(uv, spacing):
+def find_rim_points(uv, spacing):
     """Indices of the points (n, 2) on the outer rim of the area that they cover, spacing px apart.
 
     The points are drawn as discs of four spacings; the rim of what those cover lies one radius
@@ -70,7 +70,7 @@ def rim(uv, spacing):
     """
     import cv2  # 0.2 s, which only jobs that draw should pay
 
-    cell = max(spacing / RASTER, np.ptp(uv, axis=0).max() / MOST_CELLS)
+    cell = max(spacing / CELLS_PER_SPACING, np.ptp(uv, axis=0).max() / MAX_RASTER_CELLS)
     radius = int(np.ceil(4 * spacing / cell)) + 1
     at = (uv - uv.min(0)) / cell + radius + 1
     grid = np.rint(at).astype(int)

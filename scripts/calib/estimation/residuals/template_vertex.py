@@ -2,13 +2,16 @@
 
 from scipy.spatial import cKDTree
 
-from calib.estimation.residuals import nearest_point
+from calib.estimation.residuals.nearest_point import (
+    make_nearest_point_assigns,
+    template_point_residual,
+)
 
-UNIT, ROUNDING = "m", 1e-6
-DATA = ("x", "y", "z", "tx", "ty", "tz", "weight")
-assign, first = nearest_point.against(lambda target: cKDTree(target.outline_points()))
+UNIT, MIN_SIGMA = "m", 1e-6
+DATA_COLUMNS = ("x", "y", "z", "tx", "ty", "tz", "weight")
+assign, assign_first = make_nearest_point_assigns(lambda target: cKDTree(target.outline_points()))
 
 
 def residual(lidar, target):
     """The corner minus the outline's, over σ; (3)."""
-    return nearest_point.residual
+    return template_point_residual

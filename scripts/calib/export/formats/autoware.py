@@ -2,8 +2,8 @@
 
 import yaml
 
-from calib.export.calibrated_scene import T_BODY_OPTICAL, comment, worked_point
-from calib.geometry import se3
+from calib.export.calibrated_scene import T_BODY_OPTICAL, format_hash_comment, format_worked_point
+from calib.geometry.se3 import invert_pose, pose_to_rpy
 
 TITLE = "sensor_kit_calibration.yaml of Autoware; its parent is meant to be sensor_kit_base_link"
 CONVENTION = (
@@ -12,24 +12,24 @@ CONVENTION = (
 )
 
 
-def render(scene):
+def render_files(scene):
     """sensor_kit_calibration.yaml."""
     poses, head = {}, [f"Sensors of rig {scene.rig}: {CONVENTION}."]
     for sensor in scene.sensors.values():
-        if sensor.frame == scene.parent:
+        if sensor.frame == scene.parent_frame:
             continue
-        frame, T = _mounted(sensor)
-        numbers = [*T[:3, 3].tolist(), *se3.to_rpy(T).tolist()]
+        frame, T = _body_frame_pose(sensor)
+        numbers = [*T[:3, 3].tolist(), *pose_to_rpy(T).tolist()]
         poses[frame] = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), numbers, strict=True))
-        head.append(f"{sensor.name}: {worked_point(frame, scene.parent, T)}")
-    head += [f"{n} is left out: {why}" for n, why in sorted(scene.left_out.items())]
-    text = yaml.safe_dump({scene.parent: poses}, sort_keys=False)
-    return {"sensor_kit_calibration.yaml": comment(head) + text}
+        head.append(f"{sensor.name}: {format_worked_point(frame, scene.parent_frame, T)}")
+    head += [f"{n} is left out: {why}" for n, why in sorted(scene.missing_sensor_reasons.items())]
+    text = yaml.safe_dump({scene.parent_frame: poses}, sort_keys=False)
+    return {"sensor_kit_calibration.yaml": format_hash_comment(head) + text}
 
 
-def _mounted(sensor):
+def _body_frame_pose(sensor):
     """(frame, T_parent_frame) of what Autoware mounts: of a camera its body."""
     if sensor.kind != "camera":
-        return sensor.frame, sensor.T
-    frame = sensor.body or f"{sensor.name}/camera_link"
-    return frame, sensor.T @ se3.inverse(T_BODY_OPTICAL)
+        return sensor.frame, sensor.T_parent_sensor
+    frame = sensor.body_frame or f"{sensor.name}/camera_link"
+    return frame, sensor.T_parent_sensor @ invert_pose(T_BODY_OPTICAL)

@@ -2,8 +2,8 @@
 
 import yaml
 
-from calib.export.calibrated_scene import comment
-from calib.geometry import se3
+from calib.export.calibrated_scene import format_hash_comment
+from calib.geometry.se3 import pose_to_quat
 
 TITLE = "static transforms as ROS 2 messages write them (TransformStamped)"
 CONVENTION = (
@@ -12,15 +12,19 @@ CONVENTION = (
 )
 
 
-def render(scene):
+def render_files(scene):
     """static_transforms.yaml."""
-    head = comment([f"Static transforms of rig {scene.rig} for ROS 2: {CONVENTION}."])
-    body = yaml.safe_dump({"transforms": [_transform(e) for e in scene.edges()]}, sort_keys=False)
-    return {"static_transforms.yaml": head + comment(scene.worked()) + body}
+    head = format_hash_comment([f"Static transforms of rig {scene.rig} for ROS 2: {CONVENTION}."])
+    body = yaml.safe_dump(
+        {"transforms": [_transform_json(e) for e in scene.static_transforms()]}, sort_keys=False
+    )
+    return {
+        "static_transforms.yaml": head + format_hash_comment(scene.describe_worked_points()) + body
+    }
 
 
-def _transform(edge):
-    xyz, quat = edge.T[:3, 3].tolist(), se3.to_quat(edge.T).tolist()
+def _transform_json(edge):
+    xyz, quat = edge.T_parent_child[:3, 3].tolist(), pose_to_quat(edge.T_parent_child).tolist()
     return {
         "header": {"frame_id": edge.parent},
         "child_frame_id": edge.child,

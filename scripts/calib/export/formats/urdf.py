@@ -2,8 +2,8 @@
 
 from xml.etree import ElementTree
 
-from calib.export.formats import xml_document
-from calib.io import urdf_file
+from calib.export.formats.xml_document import render_xml_document
+from calib.io.urdf_file import origin_attributes
 
 TITLE = "a URDF of the sensors alone, to look at or to copy joints from"
 CONVENTION = (
@@ -12,20 +12,20 @@ CONVENTION = (
 )
 
 
-def render(scene):
+def render_files(scene):
     """sensors.urdf."""
     root = ElementTree.Element("robot", name=scene.rig)
-    ElementTree.SubElement(root, "link", name=scene.parent)
-    add_joints(root, scene)
+    ElementTree.SubElement(root, "link", name=scene.parent_frame)
+    add_urdf_joints(root, scene)
     head = f"Sensors of rig {scene.rig}: {CONVENTION}."
-    return {"sensors.urdf": xml_document.document(root, [head, *scene.worked()])}
+    return {"sensors.urdf": render_xml_document(root, [head, *scene.describe_worked_points()])}
 
 
-def add_joints(element, scene):
+def add_urdf_joints(element, scene):
     """Add a link and a fixed joint to an XML element for every frame below the parent's."""
-    for edge in scene.edges():
+    for edge in scene.static_transforms():
         ElementTree.SubElement(element, "link", name=edge.child)
         joint = ElementTree.SubElement(element, "joint", name=f"{edge.child}_joint", type="fixed")
         ElementTree.SubElement(joint, "parent", link=edge.parent)
         ElementTree.SubElement(joint, "child", link=edge.child)
-        ElementTree.SubElement(joint, "origin", urdf_file.origin(edge.T))
+        ElementTree.SubElement(joint, "origin", origin_attributes(edge.T_parent_child))

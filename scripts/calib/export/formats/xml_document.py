@@ -3,7 +3,7 @@
 from xml.etree import ElementTree
 
 
-def document(root, lines):
+def render_xml_document(root, lines):
     """Text of an XML document with comment lines on its top."""
     # Two hyphens would end a comment.
     about = [" ".join(line.split()).replace("--", "- -") for line in lines]

@@ -2,10 +2,10 @@
 
 from typing import NamedTuple
 
-NS = 1_000_000_000
+NS_PER_S = 1_000_000_000
 
 
-class Pose(NamedTuple):
+class MocapPose(NamedTuple):
     """T_parent_body: xyz and quat (xyzw) as the message says them, in its unit.
 
     t: stamp, ns, None where there is none. parent "" is the map, body "" is named by the topic.
@@ -14,18 +14,18 @@ class Pose(NamedTuple):
 
     parent: str
     body: str
-    t: int | None
+    stamp_ns: int | None
     xyz: tuple
     quat: tuple
-    several: bool = True
+    is_multi_body: bool = True
 
 
-def stamp_ns(header):
+def stamp_ns_or_none(header):
     """The stamp of a ROS header, ns; None where it was never set."""
-    return header.stamp.sec * NS + header.stamp.nanosec or None
+    return header.stamp.sec * NS_PER_S + header.stamp.nanosec or None
 
 
-def parts(position, orientation):
+def to_xyz_and_quat(position, orientation):
     """xyz and xyzw of a position (or translation) and an orientation (or rotation)."""
     p, q = position, orientation
     return (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)

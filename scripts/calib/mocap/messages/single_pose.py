@@ -1,23 +1,23 @@
 """One pose in a message; the topic names the body, if the message does not."""
 
-from calib.mocap.messages.body_pose import Pose, parts, stamp_ns
+from calib.mocap.messages.body_pose import MocapPose, stamp_ns_or_none, to_xyz_and_quat
 
 
-def pose(content):
+def read_pose_stamped(content):
     """The pose of a PoseStamped."""
-    return [_pose(content.header, "", content.pose)]
+    return [_make_pose(content.header, "", content.pose)]
 
 
-def with_covariance(content):
+def read_pose_with_covariance(content):
     """The pose of a PoseWithCovarianceStamped; its covariance is the driver's guess."""
-    return [_pose(content.header, "", content.pose.pose)]
+    return [_make_pose(content.header, "", content.pose.pose)]
 
 
-def odometry(content):
+def read_odometry(content):
     """The pose of an Odometry, of the body that its child frame names, if it does."""
-    return [_pose(content.header, content.child_frame_id, content.pose.pose)]
+    return [_make_pose(content.header, content.child_frame_id, content.pose.pose)]
 
 
-def _pose(header, body, found):
-    values = parts(found.position, found.orientation)
-    return Pose(header.frame_id, body, stamp_ns(header), *values, several=False)
+def _make_pose(header, body, pose):
+    values = to_xyz_and_quat(pose.position, pose.orientation)
+    return MocapPose(header.frame_id, body, stamp_ns_or_none(header), *values, is_multi_body=False)

@@ -1,19 +1,21 @@
 """Transforms of tf: every child frame is a body."""
 
-from calib.mocap.messages.body_pose import Pose, parts, stamp_ns
+from calib.mocap.messages.body_pose import MocapPose, stamp_ns_or_none, to_xyz_and_quat
 
 
-def message(content):
+def read_tf_message(content):
     """Poses of a TFMessage."""
-    return [_pose(item, True) for item in content.transforms]
+    return [_make_pose(item, True) for item in content.transforms]
 
 
-def one(content):
+def read_transform_stamped(content):
     """The pose of a TransformStamped."""
-    return [_pose(content, False)]
+    return [_make_pose(content, False)]
 
 
-def _pose(item, several):
-    values = parts(item.transform.translation, item.transform.rotation)
+def _make_pose(item, is_multi_body):
+    values = to_xyz_and_quat(item.transform.translation, item.transform.rotation)
     header = item.header
-    return Pose(header.frame_id, item.child_frame_id, stamp_ns(header), *values, several)
+    return MocapPose(
+        header.frame_id, item.child_frame_id, stamp_ns_or_none(header), *values, is_multi_body
+    )

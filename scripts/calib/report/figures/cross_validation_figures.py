@@ -2,48 +2,53 @@
 
 import numpy as np
 
-from calib.report.figures import captions, svg_plots
-from calib.report.figures.svg_plots import CYCLE, MUTED
-from calib.report.sections import cross_validation
-from calib.report.sections.extrinsics import DEG, MM
+from calib.report.figures import svg_plots
+from calib.report.figures.captions import PLACEMENT_INFLUENCE, SIGMA_BY_PLACEMENTS
+from calib.report.figures.svg_plots import BLUE, COLOR_CYCLE, MUTED_COLOR, ORANGE, create_figure
+from calib.report.sections.cross_validation import list_placement_influences
+from calib.report.sections.extrinsics import DEG_PER_RAD, MM_PER_M
 
 
-def sigma_by_count(run):
+def draw_sigma_by_placements(run):
     """σ of every sensor's pose with the first so many of its placements; None without any."""
     found = {n: s["predicted"] for n, s in run.sensors.items() if s["predicted"]}
     found = {n: p for n, p in found.items() if len(p["placements"]) > 1}
     if not found:
         return None
-    fig, axes = svg_plots.panels((1, 1), height=2.6)
+    fig, axes = svg_plots.create_panels((1, 1), height=2.6)
     limits = run.verdict["limits"]
-    for ax, key, scale, unit in zip(axes, ("m", "rad"), (MM, DEG), ("mm", "°"), strict=True):
+    for ax, key, scale, unit in zip(
+        axes, ("m", "rad"), (MM_PER_M, DEG_PER_RAD), ("mm", "°"), strict=True
+    ):
         largest = 0.0
-        for (name, p), colour in zip(found.items(), CYCLE * 9, strict=False):
+        for (name, p), colour in zip(found.items(), COLOR_CYCLE * 9, strict=False):
             y = [np.nan if v is None else v * scale for v in p[f"sigma_{key}"]]
             largest = np.nanmax([largest, *y])
             ax.plot(p["placements"], y, "o-", ms=3.5, lw=1.2, color=colour, label=name)
-        limit = limits["warn_sigma_m"] * MM if key == "m" else limits["warn_sigma_deg"]
+        limit = limits["warn_sigma_m"] * MM_PER_M if key == "m" else limits["warn_sigma_deg"]
         if limit < 5 * largest:
-            ax.axhline(limit, color=MUTED, lw=0.8, ls="--", label="warn above")
+            ax.axhline(limit, color=MUTED_COLOR, lw=0.8, ls="--", label="warn above")
         ax.set(xlabel="placements", ylabel=f"σ, {unit}", ylim=(0, None))
         ax.set_title("largest σ of the " + ("position" if key == "m" else "rotation"))
     axes[0].legend(loc="upper right")
     label = "Sigma of every sensor against the number of placements"
-    return svg_plots.drawing(fig, "sigma-by-count", label, captions.SIGMA_BY_COUNT, span=0)
+    return svg_plots.finish_drawing(
+        fig, "sigma-by-count", label, SIGMA_BY_PLACEMENTS, column_span=0
+    )
 
 
-def influence(run, sensor):
+def draw_placement_influence(run, sensor):
     """What every placement left out does to one sensor's pose, and how unlike the others it is."""
-    rows = cross_validation.influences(run, sensor)
+    rows = list_placement_influences(run, sensor)
     if len(rows) < 2:
         return None
-    fig, ax = svg_plots.figure()
+    fig, ax = create_figure()
     x = np.arange(len(rows))
     moved = np.array([np.nan if r[3] is None else r[3] for r in rows])
     unlike = np.sqrt([np.nan if r[4] is None else r[4] for r in rows])
-    ax.bar(x, moved, color=svg_plots.BLUE, alpha=0.75, width=0.7, label="moves the pose, σ")
-    ax.plot(x, unlike, "o", ms=4, color=svg_plots.ORANGE, label="unlike the others, σ")
-    ax.axhline(1, color=MUTED, lw=0.8, ls="--")
+    ax.bar(x, moved, color=BLUE, alpha=0.75, width=0.7, label="moves the pose, σ")
+    ax.plot(x, unlike, "o", ms=4, color=ORANGE, label="unlike the others, σ")
+    ax.axhline(1, color=MUTED_COLOR, lw=0.8, ls="--")
     step = -(-len(rows) // 12)
     ax.xaxis.set_ticks(x[::step], [str(r[2]) for r in rows[::step]])
     top = max(2.0, *np.nan_to_num(moved), *np.nan_to_num(unlike))
@@ -51,4 +56,4 @@ def influence(run, sensor):
     ax.set_title(f"{sensor}: placements left out")
     ax.legend(loc="upper right", ncols=2)
     label = f"Placements of {sensor} left out"
-    return svg_plots.drawing(fig, f"influence-{sensor}", label, captions.INFLUENCE)
+    return svg_plots.finish_drawing(fig, f"influence-{sensor}", label, PLACEMENT_INFLUENCE)

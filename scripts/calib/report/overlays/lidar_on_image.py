@@ -2,20 +2,21 @@
 
 import numpy as np
 
-from calib.geometry import se3
-from calib.report.figures import captions
+from calib.geometry.se3 import invert_pose, transform_points
+from calib.report.figures.captions import LIDAR_ON_IMAGE
 from calib.report.figures.svg_plots import Drawing
-from calib.report.overlays.camera_overlay import picture, region, stroke
-from calib.report.sections import extrinsics, residual_tables
-from calib.sensors import sensor_models
-from calib.sensors.camera.images import image_messages
-from calib.views.view_payloads import payloads
+from calib.report.overlays.camera_overlay import fit_image_box, render_svg_image, render_svg_stroke
+from calib.report.sections.extrinsics import initial_guess_pose
+from calib.report.sections.residual_tables import residuals_by_kind, score_views
+from calib.sensors.camera.images.image_messages import decode_png
+from calib.sensors.sensor_models import camera_from_config
+from calib.views.view_payloads import read_view_payloads
 
-NEAR_TO_FAR = ("#fde725", "#90d743", "#35b779", "#21918c", "#31688e", "#7b6cc4")
-POSES = {"guess": "by the first guesses", "result": "by the result"}
+DISTANCE_COLORS = ("#fde725", "#90d743", "#35b779", "#21918c", "#31688e", "#7b6cc4")
+POSE_TITLES = {"guess": "by the first guesses", "result": "by the result"}
 
 
-def draw(run):
+def draw_lidar_on_images(run):
     """[{name, views: [(title, Drawing)]}] of every camera and lidar with a common placement."""
     out = []
     if not run.options["report"]["max_overlays"]:
@@ -23,15 +24,15 @@ def draw(run):
     solved = [n for n in run.sensors if run.T_robot_sensor(n) is not None]
     for camera in (n for n in solved if run.sensors[n]["kind"] == "camera"):
         for lidar in (n for n in solved if run.sensors[n]["kind"] == "lidar"):
-            common = choose(run, camera, lidar)
+            common = select_common_views(run, camera, lidar)
             if common:
                 session, views = common
-                drawn = _both(run, session, (camera, lidar), views)
+                drawn = _draw_guess_and_result(run, session, (camera, lidar), views)
                 out.append({"name": f"{lidar} on {camera}", "views": drawn})
     return out
 
 
-def choose(run, camera, lidar):
+def select_common_views(run, camera, lidar):
     """(session, (view of the camera, view of the lidar)) of the placement that both saw and in
     which the lidar has the most members; None without one."""
     seen = [_best_views(run, n) for n in (camera, lidar)]
@@ -45,50 +46,52 @@ def choose(run, camera, lidar):
 def _best_views(run, sensor):
     """{(session, placement): (view, members)} of the view with the most members."""
     out = {}
-    for (session, view), (placement, _, n) in residual_tables.view_scores(
-        residual_tables.of(run, sensor)
-    ).items():
+    for (session, view), (placement, _, n) in score_views(residuals_by_kind(run, sensor)).items():
         if n > out.get((session, placement), (0, 0))[1]:
             out[session, placement] = view, n
     return out
 
 
-def _both(run, session, sensors, views):
+def _draw_guess_and_result(run, session, sensors, view_numbers):
     """[(title, Drawing)] by the first guesses and by the result."""
     streams = [run.sessions[session].streams[n] for n in sensors]
-    rows = [payloads(s.path, [v])[v] for s, v in zip(streams, views, strict=True)]
+    rows = [
+        read_view_payloads(s.views_path, [v])[v] for s, v in zip(streams, view_numbers, strict=True)
+    ]
     points = np.asarray(rows[1]["xyz"], float).reshape(-1, 3)
     model, image = (
-        sensor_models.camera(run.options["sensors"][sensors[0]]),
-        image_messages.from_png(rows[0]["png"]),
+        camera_from_config(run.options["sensors"][sensors[0]]),
+        decode_png(rows[0]["png"]),
     )
     out = []
-    for by, title in POSES.items():
-        T = [_pose(run, n, by) for n in sensors]
+    for by, title in POSE_TITLES.items():
+        T = [_select_sensor_pose(run, n, by) for n in sensors]
         if all(t is not None for t in T):
-            T_camera_lidar = se3.inverse(T[0]) @ T[1]
-            where = f"{session}, view {views[0]} of {sensors[0]}, view {views[1]} of {sensors[1]}"
-            drawn = _draw(model, image, rows[0], se3.transform(T_camera_lidar, points), where)
+            T_camera_lidar = invert_pose(T[0]) @ T[1]
+            where = f"{session}, view {view_numbers[0]} of {sensors[0]}, view {view_numbers[1]} of {sensors[1]}"
+            drawn = _draw_points_on_image(
+                model, image, rows[0], transform_points(T_camera_lidar, points), where
+            )
             out.append((title, drawn))
     return out
 
 
-def _pose(run, sensor, by):
-    guess = extrinsics.guess(run.sensors[sensor])
+def _select_sensor_pose(run, sensor, by):
+    guess = initial_guess_pose(run.sensors[sensor])
     return guess if by == "guess" else run.T_robot_sensor(sensor)
 
 
-def _draw(model, image, row, points, where):
+def _draw_points_on_image(model, image, row, points, view_label):
     """The image with points (n, 3), camera frame, m, in the colours of their distance."""
     uv, ok = model.project(points)
-    u0, v0, u1, v1 = box = region(image.shape, row, [])
+    u0, v0, u1, v1 = box = fit_image_box(image.shape, row, [])
     ok &= (uv[:, 0] >= u0) & (uv[:, 0] < u1) & (uv[:, 1] >= v0) & (uv[:, 1] < v1)
     uv, far = uv[ok], np.linalg.norm(points[ok], axis=1)
-    edges = np.quantile(far, np.linspace(0, 1, len(NEAR_TO_FAR) + 1)[1:-1]) if len(far) else []
+    edges = np.quantile(far, np.linspace(0, 1, len(DISTANCE_COLORS) + 1)[1:-1]) if len(far) else []
     band, marks = np.searchsorted(edges, far), ""
-    for k, colour in enumerate(NEAR_TO_FAR):
+    for k, colour in enumerate(DISTANCE_COLORS):
         d = "".join(f"M{u:.1f} {v:.1f}h.01" for u, v in uv[band == k])
-        dots = stroke(d, colour, (u1 - u0) / 160)
+        dots = render_svg_stroke(d, colour, (u1 - u0) / 160)
         marks += dots.replace("<path ", '<path stroke-linecap="round" ')
-    caption = f"{where}; {len(uv)} returns in the image"
-    return Drawing(picture(image, row, box, marks, caption), None, caption, captions.SHARED)
+    caption = f"{view_label}; {len(uv)} returns in the image"
+    return Drawing(render_svg_image(image, row, box, marks, caption), None, caption, LIDAR_ON_IMAGE)

@@ -4,28 +4,28 @@ import logging
 
 from markupsafe import Markup
 
-from calib.report.figures import svg_plots
+from calib.report.figures.svg_plots import encode_for_paper
 
-CHATTY = ("weasyprint", "weasyprint.progress", "fontTools")
+NOISY_LOGGERS = ("weasyprint", "weasyprint.progress", "fontTools")
 
 
-class Images:
+class PdfImages:
     """What the page shows, under short names: inside it, megabytes would be parsed as text."""
 
     def __init__(self):
-        self.known = {}
+        self.content_by_url = {}
 
-    def tag(self, drawn):
+    def add_drawing(self, drawing):
         """<img> of a Drawing."""
-        name = f"drawing:{len(self.known)}"
-        self.known[name] = svg_plots.on_paper(drawn)
+        name = f"drawing:{len(self.content_by_url)}"
+        self.content_by_url[name] = encode_for_paper(drawing)
         return Markup(f'<img alt="" src="{name}">')
 
 
-def to_pdf(html, images):
+def encode_pdf(html, pdf_images):
     """PDF bytes of a page and its Images; the same page gives the same bytes."""
     # They tell of every step, the import's own too, and of rules for the screen that do not apply.
-    for name in CHATTY:
+    for name in NOISY_LOGGERS:
         logging.getLogger(name).setLevel(logging.ERROR)
     import weasyprint  # 1 s, which only the job that prints should pay
     from weasyprint.urls import URLFetcher, URLFetcherResponse
@@ -34,9 +34,9 @@ def to_pdf(html, images):
         """Opens the images and what lies within them, and nothing from outside."""
 
         def fetch(self, url, headers=None):
-            if url not in images.known:
+            if url not in pdf_images.content_by_url:
                 return super().fetch(url, headers)
-            kind, data = images.known[url]
+            kind, data = pdf_images.content_by_url[url]
             return URLFetcherResponse(url, data, {"Content-Type": kind})
 
     page = weasyprint.HTML(string=html, url_fetcher=Known(allowed_protocols={"data"}))

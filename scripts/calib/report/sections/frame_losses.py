@@ -4,22 +4,24 @@ from collections import Counter
 
 import numpy as np
 
-from calib.report import number_format
+from calib.report.number_format import format_count
 
-EXAMPLES = 12
+MAX_EXAMPLES = 12
 
 
-def row(run, session, sensor, target):
+def count_frame_losses(run, session, sensor, target):
     """Counts from frame to solve of one sensor and target, and the reasons for every loss."""
     stream = run.sessions[session].streams[sensor]
     of_target = np.asarray(stream.views["target"], str) == target
     kept = of_target & np.asarray(stream.views["kept"], bool)
     views = np.asarray(stream.views["view"])[kept].tolist()
     failures = {
-        v: stream.outcomes[v] for v in views if v in stream.outcomes and not stream.outcomes[v].ok
+        v: stream.status_by_view[v]
+        for v in views
+        if v in stream.status_by_view and not stream.status_by_view[v].ok
     }
-    extracted = [v for v in views if v in stream.outcomes and v not in failures]
-    solved = run.used_views.get((session, sensor), set())
+    extracted = [v for v in views if v in stream.status_by_view and v not in failures]
+    solved = run.used_views_by_stream.get((session, sensor), set())
     used = [v for v in extracted if v in solved]
     reasons = np.asarray(stream.views["reason"], str)[of_target & ~kept]
     frames = run.sessions[session].audit["sensors"].get(sensor, {}).get("messages", 0)
@@ -28,14 +30,14 @@ def row(run, session, sensor, target):
         "sensor": sensor,
         "target": target,
         "numbers": counts,
-        "counts": [number_format.count(n) for n in counts],
+        "counts": [format_count(n) for n in counts],
         "shares": [100 * n / max(frames, 1) for n in counts],
-        "losses": losses(counts, reasons, failures),
-        "failures": examples(failures),
+        "losses": list_frame_losses(counts, reasons, failures),
+        "failures": list_failure_examples(failures),
     }
 
 
-def losses(counts, reasons, failures):
+def list_frame_losses(counts, reasons, failures):
     """[(step, count, reason)] of every frame lost, the largest first within each step."""
     frames, considered, kept, extracted, used = counts
     out = [
@@ -48,26 +50,28 @@ def losses(counts, reasons, failures):
     ]
     out += [("not found", kept - extracted - len(failures), "not looked at")]
     out += [("not used", extracted - used, "no measurement was a member of the solution")]
-    return [(step, number_format.count(n), why) for step, n, why in out if n > 0]
+    return [(step, format_count(n), why) for step, n, why in out if n > 0]
 
 
-def examples(failures):
+def list_failure_examples(failures):
     """The failures to find a target: view, reason, found and expected; at most a dozen."""
-    shown = sorted(failures.items())[:EXAMPLES]
+    shown = sorted(failures.items())[:MAX_EXAMPLES]
     more = len(failures) - len(shown)
     return {"rows": [(v, s.reason, s.found, s.expected) for v, s in shown], "more": max(more, 0)}
 
 
-def table(run, session):
+def tabulate_frame_losses(run, session):
     """Funnel rows of one session, by sensor and target; those of no consequence left out."""
-    placements = run.sessions[session].targets
+    placements = run.sessions[session].status_by_target
     names = sorted(placements) or sorted(run.options["targets"])
-    return [row(run, session, s, t) for s in run.sessions[session].streams for t in names]
+    return [
+        count_frame_losses(run, session, s, t) for s in run.sessions[session].streams for t in names
+    ]
 
 
-def still(run, session):
+def list_still_intervals(run, session):
     """{target: (k, 2) start and end, ns} of the still intervals of a session."""
     p = run.sessions[session].placements
     kind, target = np.asarray(p["kind"], str), np.asarray(p["target"], str)
-    span = np.column_stack([np.asarray(p["start"], np.int64), np.asarray(p["end"], np.int64)])
+    span = np.column_stack([np.asarray(p["start_ns"], np.int64), np.asarray(p["end_ns"], np.int64)])
     return {t: span[(target == t) & (kind == "still")] for t in sorted(set(target.tolist()))}

@@ -2,52 +2,50 @@
 
 import numpy as np
 
-from calib.diagnosis import observability
-from calib.report import number_format
-from calib.report.sections.extrinsics import DEG, MM
+from calib.diagnosis.observability import GENERAL_ADVICE, LEVER_ARM_M, describe_pose_direction
+from calib.report.number_format import DASH, format_number
+from calib.report.sections.extrinsics import DEG_PER_RAD, MM_PER_M
 
 
-def principal(sensor, T_robot_sensor):
+def principal_pose_directions(sensor, T_robot_sensor):
     """[(words, σ as text)] of the six principal directions of a pose, the least certain first; a
     turn counts like the shift at 1 m that it makes."""
-    scale = np.repeat([1.0, observability.ARM], 3)
+    scale = np.repeat([1.0, LEVER_ARM_M], 3)
     values, vectors = np.linalg.eigh(scale[:, None] * np.asarray(sensor["covariance"]) * scale)
     out = []
     for variance, twist in zip(values[::-1], vectors.T[::-1], strict=True):
         sigma = np.sqrt(max(variance, 0.0))
         turning = np.linalg.norm(twist[3:]) > np.linalg.norm(twist[:3])
-        shown = sigma * DEG / observability.ARM if turning else sigma * MM
-        words = observability.in_words(twist, T_robot_sensor)
-        out.append(
-            (words, f"{number_format.number(shown, 2)} {'°' if turning else 'mm'}", float(sigma))
-        )
+        shown = sigma * DEG_PER_RAD / LEVER_ARM_M if turning else sigma * MM_PER_M
+        words = describe_pose_direction(twist, T_robot_sensor)
+        out.append((words, f"{format_number(shown, 2)} {'°' if turning else 'mm'}", float(sigma)))
     return out
 
 
-def following(best):
+def format_next_view(next_view):
     """{words, one, four}: the view to add next, and σ with one such placement and with four; empty
     where none is known."""
-    if not best:
+    if not next_view:
         return {}
-    scale, unit = (DEG, "°") if best["unit"] == "rad" else (MM, "mm")
+    scale, unit = (DEG_PER_RAD, "°") if next_view["unit"] == "rad" else (MM_PER_M, "mm")
     one, four = (
-        f"{number_format.number(best[k] * scale, 2)} {unit}" for k in ("sigma_one", "sigma_four")
+        f"{format_number(next_view[k] * scale, 2)} {unit}" for k in ("sigma_one", "sigma_four")
     )
-    return {"words": f"{best['target']} {best['words']}", "one": one, "four": four}
+    return {"words": f"{next_view['target']} {next_view['words']}", "one": one, "four": four}
 
 
-def rows(run):
+def tabulate_observability(run):
     """What is told of every sensor: open directions, the six of its pose, what to record next."""
     out = []
     for name, sensor in run.sensors.items():
         T = run.T_robot_sensor(name)
-        six = principal(sensor, T) if T is not None else []
-        told = {"name": name, "six": [(w, s) for w, s, _ in six], "ratio": number_format.DASH}
+        six = principal_pose_directions(sensor, T) if T is not None else []
+        told = {"name": name, "six": [(w, s) for w, s, _ in six], "ratio": DASH}
         if six and six[-1][2] > 0:
-            told["ratio"] = number_format.number(six[0][2] / six[-1][2], 2)
+            told["ratio"] = format_number(six[0][2] / six[-1][2], 2)
         told["open"] = [d["words"] for d in sensor["undetermined"]]
-        told["next"] = following(sensor["next_view"])
-        told["general"] = sensor["advice"] == observability.ANY
+        told["next"] = format_next_view(sensor["next_view"])
+        told["general"] = sensor["advice"] == GENERAL_ADVICE
         told["advice"] = sensor["advice"] or sensor["status"]["remedy"]
         out.append(told)
     return out

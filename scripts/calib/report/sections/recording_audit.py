@@ -3,28 +3,28 @@
 import numpy as np
 
 from calib.io.status import Status
-from calib.report import number_format
+from calib.report.number_format import DASH, format_count, format_number
 
-NS = 1e9
+NS_PER_S = 1e9
 
 
-def streams(run, session):
+def tabulate_sensor_streams(run, session):
     """Rows of one session's audit: a sensor's messages, rate, intervals, delay and status."""
     heard, rows = run.sessions[session], []
     for name in heard.streams:
         audit = heard.audit["sensors"].get(name, {})
         topic = run.options["sensors"][name]["topic"]
-        t, log_t = stamps(run, session, name)
+        t, log_t = select_sensor_stamps(run, session, name)
         rows.append(
             {
                 "name": name,
                 "topic": topic,
-                "type": heard.audit["topics"].get(topic, {}).get("type", number_format.DASH),
-                "frame": audit.get("frame") or number_format.DASH,
-                "messages": number_format.count(audit.get("messages", 0)),
-                "rate": number_format.number(audit.get("rate_hz", 0.0)),
-                "gap": number_format.number(longest_gap(t)),
-                "delay": delay(t, log_t),
+                "type": heard.audit["topics"].get(topic, {}).get("type", DASH),
+                "frame": audit.get("frame") or DASH,
+                "messages": format_count(audit.get("messages", 0)),
+                "rate": format_number(audit.get("rate_hz", 0.0)),
+                "gap": format_number(find_longest_gap(t)),
+                "delay": format_log_delay(t, log_t),
                 "ok": audit.get("status", {}).get("ok", False),
                 "told": [f"{k}: {v}" for k, v in sorted(audit.get("told", {}).items())],
             }
@@ -32,43 +32,45 @@ def streams(run, session):
     return rows
 
 
-def stamps(run, session, sensor):
+def select_sensor_stamps(run, session, sensor):
     """Stamps (n,) of a sensor's messages and when the log took them (n,), ns."""
     frames = run.sessions[session].frames
     own = np.asarray(frames["sensor"], str) == sensor
-    return np.asarray(frames["t"], np.int64)[own], np.asarray(frames["log_t"], np.int64)[own]
+    return np.asarray(frames["stamp_ns"], np.int64)[own], np.asarray(
+        frames["log_time_ns"], np.int64
+    )[own]
 
 
-def longest_gap(t):
+def find_longest_gap(t):
     """Longest time, s, between two stamps t (n,), ns, repeats allowed; None below two."""
     once = np.unique(np.asarray(t))
-    return float(np.diff(once).max() / NS) if len(once) > 1 else None
+    return float(np.diff(once).max() / NS_PER_S) if len(once) > 1 else None
 
 
-def delay(t, log_t):
+def format_log_delay(t, log_t):
     """`102, 108`: median and 99 % of what the log is later than the stamps, ms."""
     if not len(t):
-        return number_format.DASH
-    low, high = np.quantile((log_t - t) / NS * 1e3, (0.5, 0.99))
-    return f"{number_format.number(low)}, {number_format.number(high)}"
+        return DASH
+    low, high = np.quantile((log_t - t) / NS_PER_S * 1e3, (0.5, 0.99))
+    return f"{format_number(low)}, {format_number(high)}"
 
 
-def bodies(run, session):
+def tabulate_mocap_bodies(run, session):
     """Rows of one session's audit of the MCS: a body's poses, rate, longest gap, faults, status."""
     rows = []
     targets = {t["body"]: n for n, t in run.options["targets"].items()}
     for name, audit in sorted(run.sessions[session].audit["bodies"].items()):
         faults = ", ".join(
-            f"{number_format.count(n)} × {k}" for k, n in sorted(audit.get("faults", {}).items())
+            f"{format_count(n)} × {k}" for k, n in sorted(audit.get("faults", {}).items())
         )
         role = "the robot" if name == run.options["body"] else targets.get(name, "")
         rows.append(
             {
                 "name": name,
                 "role": role,
-                "poses": number_format.count(audit["poses"]),
-                "rate": number_format.number(audit.get("rate_hz")),
-                "gap": number_format.number(audit.get("longest_gap_s")),
+                "poses": format_count(audit["poses"]),
+                "rate": format_number(audit.get("rate_hz")),
+                "gap": format_number(audit.get("longest_gap_s")),
                 "faults": faults or "none",
                 "ok": audit["status"]["ok"],
             }
@@ -76,7 +78,7 @@ def bodies(run, session):
     return rows
 
 
-def heard(run, session):
+def list_log_notes(run, session):
     """(what, in words) of a session's log: what could not be read, and of every topic of motion
     capture whose times are used and what else was found and done about its poses."""
     audit = run.sessions[session].audit
@@ -92,25 +94,29 @@ def heard(run, session):
     return said
 
 
-def unused_topics(run, session):
+def list_unused_topics(run, session):
     """(topic, type, messages) of what the log holds beside the sensors used."""
     used = {run.options["sensors"][n]["topic"] for n in run.sessions[session].streams}
     found = sorted(run.sessions[session].audit["topics"].items())
-    return [(k, t["type"], number_format.count(t["messages"])) for k, t in found if k not in used]
+    return [(k, t["type"], format_count(t["messages"])) for k, t in found if k not in used]
 
 
-def problems(run, session):
+def list_session_problems(run, session):
     """(where, status) of everything in a session that could not be done, each fault once."""
     s = run.sessions[session]
     found = [(f"sensor {n}", Status.from_dict(a["status"])) for n, a in s.audit["sensors"].items()]
     found += [
         (f"MCS body {n}", Status.from_dict(a["status"])) for n, a in s.audit["bodies"].items()
     ]
-    found += [("placements", s.status)]
-    found += [(f"placements of {n}", status) for n, status in sorted(s.targets.items())]
+    found += [("placements", s.placements_status)]
+    found += [(f"placements of {n}", status) for n, status in sorted(s.status_by_target.items())]
     for name, stream in s.streams.items():
         guess = Status.from_dict(stream.guess["status"])
-        steps = (("first guess", guess), ("views", stream.seen), ("keypoints", stream.found))
+        steps = (
+            ("first guess", guess),
+            ("views", stream.views_status),
+            ("keypoints", stream.keypoints_status),
+        )
         found += [(f"{what} of {name}", status) for what, status in steps]
     once = {}
     for where, status in found:

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from calib.report import number_format
-from calib.report.sections.extrinsics import MM
-from calib.verdict import findings as findings_module
+from calib.report.number_format import DASH, format_number, format_percent, format_plural
+from calib.report.sections.extrinsics import MM_PER_M
+from calib.verdict.findings import level_by_limits
 
 
-def largest_sigmas(sensor):
+def largest_pose_sigmas(sensor):
     """Largest σ of the position, m, and of the rotation, deg; None without a pose."""
     if sensor["covariance"] is None:
         return None, None
@@ -15,12 +15,12 @@ def largest_sigmas(sensor):
     return float(sigma[:3].max()), float(np.degrees(sigma[3:].max()))
 
 
-def checks(sensor):
+def list_limit_checks(sensor):
     """Per limit: (heading, unit, key, factor to the unit, value, whether large is bad)."""
-    position, rotation = largest_sigmas(sensor)
+    position, rotation = largest_pose_sigmas(sensor)
     solved, held = position is not None, sensor["held_out"]
     return (
-        ("largest position σ", "mm", "sigma_m", MM, position, True),
+        ("largest position σ", "mm", "sigma_m", MM_PER_M, position, True),
         ("largest rotation σ", "°", "sigma_deg", 1.0, rotation, True),
         ("rejected", "%", "rejected", 100.0, sensor["rejected"] if solved else None, True),
         ("placements", "", "placements", 1, sensor["placements"], False),
@@ -28,71 +28,75 @@ def checks(sensor):
     )
 
 
-def _level(value, limits, key, large_is_bad):
+def _check_level(value, limits, key, is_upper_limit):
     """The judge's own level; a sensor without the value fails, but for placements left out, of
     which there may be none."""
     if value is None:
         return "pass" if key == "heldout" else "fail"
-    return findings_module.level(value, limits, key, large_is_bad)
+    return level_by_limits(value, limits, key, is_upper_limit)
 
 
-def _share(value, limit, large_is_bad):
+def _limit_share(value, limit, is_upper_limit):
     """How much of a limit a value takes up; None where either is missing or there is nothing."""
     if not value or not limit:
         return None
-    return value / limit if large_is_bad else limit / value
+    return value / limit if is_upper_limit else limit / value
 
 
-def _limit(limits, key, factor, large_is_bad):
+def _format_limits(limits, key, factor, is_upper_limit):
     """`warn above 5`, `fail above 20` of one pair of limits."""
-    side = "above" if large_is_bad else "below"
+    side = "above" if is_upper_limit else "below"
     found = [(lv, limits.get(f"{lv}_{key}")) for lv in ("warn", "fail")]
-    return [f"{lv} {side} {number_format.number(v * factor)}" for lv, v in found if v is not None]
+    return [f"{lv} {side} {format_number(v * factor)}" for lv, v in found if v is not None]
 
 
-def verdict(run):
+def summarize_verdict(run):
     """The verdict, its reasons, the limits, and every sensor's values against them."""
     judged = run.verdict
     limits, rows, heads = judged["limits"], [], []
     for name, sensor in run.sensors.items():
         cells, heads = [], []
-        for heading, unit, key, factor, value, large in checks(sensor):
-            shown = number_format.DASH if value is None else number_format.number(value * factor)
-            level = _level(value, limits, key, large)
-            share = _share(value, limits.get(f"warn_{key}"), large)
+        for heading, unit, key, factor, value, large in list_limit_checks(sensor):
+            shown = DASH if value is None else format_number(value * factor)
+            level = _check_level(value, limits, key, large)
+            share = _limit_share(value, limits.get(f"warn_{key}"), large)
             cells.append({"text": shown, "level": level, "share": share})
-            limit = _limit(limits, key, factor, large)
+            limit = _format_limits(limits, key, factor, large)
             heads.append({"text": heading, "unit": unit, "limit": limit})
         level = judged["sensors"].get(name, sensor["verdict"])
         row = {"name": name, "kind": sensor["kind"], "level": level, "cells": cells}
         rows.append(row | {"status": sensor["status"]})
     return {
         "level": judged["verdict"],
-        "lines": [found(run), why(run, rows, heads), todo(judged)],
+        "lines": [
+            describe_calibrated_sensors(run),
+            describe_main_reason(run, rows, heads),
+            describe_next_action(judged),
+        ],
         "reasons": judged["reasons"],
         "heads": heads,
         "rows": rows,
-        "advice": advice(judged["findings"]),
-        "limits": {k: number_format.number(v) for k, v in sorted(limits.items())},
+        "advice": list_remedies(judged["findings"]),
+        "limits": {k: format_number(v) for k, v in sorted(limits.items())},
     }
 
 
-def found(run):
+def describe_calibrated_sensors(run):
     """First line: how many sensors have a pose, and which have none."""
     without = [n for n, s in run.sensors.items() if not s["T_robot_sensor"]]
-    total = number_format.plural(len(run.sensors), "sensor")
-    sessions = number_format.plural(len(run.sessions), "session")
+    total = format_plural(len(run.sensors), "sensor")
+    sessions = format_plural(len(run.sessions), "session")
     told = f"{len(run.sensors) - len(without)} of {total} calibrated from {sessions}"
     return f"{told}; no pose for {', '.join(without)}." if without else f"{told}."
 
 
-def why(run, rows, heads):
+def describe_main_reason(run, rows, heads):
     """Second line: the gravest reason, or how near to a limit the result comes."""
     reasons = run.verdict["reasons"]
     if reasons:
         more = len(reasons) - 1
-        told = reasons[0] + _instead(run)
-        return told + (f"; and {number_format.plural(more, 'more reason')}." if more else ".")
+        told = reasons[0] + _describe_missing_pose(run)
+        return told + (f"; and {format_plural(more, 'more reason')}." if more else ".")
     near = [
         (cell["share"], row["name"], head["text"])
         for row in rows
@@ -104,11 +108,11 @@ def why(run, rows, heads):
     share, name, what = max(near)
     return (
         f"Every sensor is within every limit; nearest to one: {what} of {name}, "
-        f"{number_format.percent(share)} of what would warn."
+        f"{format_percent(share)} of what would warn."
     )
 
 
-def _instead(run):
+def _describe_missing_pose(run):
     """What was found and expected of a sensor without a pose, if that is the gravest reason."""
     first = next(iter(run.verdict["findings"]), None)
     if not first or first["check"] != "status" or not first["sensor"]:
@@ -118,9 +122,9 @@ def _instead(run):
     return f" ({'; '.join(told)})" if told else ""
 
 
-def todo(judged):
+def describe_next_action(verdict):
     """Third line: what to do about the gravest reason, or that the files can be used."""
-    first = next((f for f in judged["findings"] if f["remedy"]), None)
+    first = next((f for f in verdict["findings"] if f["remedy"]), None)
     if first:
         return (
             first["remedy"][0].upper()
@@ -130,7 +134,7 @@ def todo(judged):
     return "Nothing is to be mended: load the files in export/, whose worked points say which way."
 
 
-def advice(findings):
+def list_remedies(findings):
     """[(level, who, what to do)] about everything that did not pass, each advice once."""
     who = {}
     for f in findings:

@@ -7,21 +7,24 @@ import re
 
 import numpy as np
 
-from calib.io.status import failed
+from calib.io.status import failure_status
 
-TYPE = "sensor_msgs/msg/CameraInfo"
+CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
 
-RADTAN, FISHEYE = ("radtan", 5), ("kannala_brandt", 4)  # model, and its distortion's numbers
-MODELS = {
-    "plumb_bob": RADTAN,
-    "radtan": RADTAN,
+RADTAN_DISTORTION, FISHEYE_DISTORTION = (
+    ("radtan", 5),
+    ("kannala_brandt", 4),
+)  # model, and its distortion's numbers
+DISTORTION_MODELS = {
+    "plumb_bob": RADTAN_DISTORTION,
+    "radtan": RADTAN_DISTORTION,
     # Its first five are those of plumb_bob; the rest has to be zero.
-    "rational_polynomial": RADTAN,
-    "equidistant": FISHEYE,
-    "fisheye": FISHEYE,
-    "kannala_brandt": FISHEYE,
+    "rational_polynomial": RADTAN_DISTORTION,
+    "equidistant": FISHEYE_DISTORTION,
+    "fisheye": FISHEYE_DISTORTION,
+    "kannala_brandt": FISHEYE_DISTORTION,
 }
-RECTIFIED = re.compile(r"(^|[/_])rect(ified)?([/_]|$)")
+RECTIFIED_TOPIC_PATTERN = re.compile(r"(^|[/_])rect(ified)?([/_]|$)")
 
 
 class CameraInfoError(Exception):
@@ -29,31 +32,34 @@ class CameraInfoError(Exception):
     remedy)."""
 
     def __init__(self, *parts):
-        self.status = failed(*parts)
+        self.status = failure_status(*parts)
         super().__init__(str(self.status))
 
 
-def numbers(message):
+def flatten_camera_info(message):
     """(n,) all that a CameraInfo says of the lens: K first."""
-    parts = [_of(message, k).ravel() for k in "kdrp"]
+    parts = [_read_field(message, k).ravel() for k in "kdrp"]
     roi = message.roi
     sizes = message.width, message.height, message.binning_x, message.binning_y
     return np.concatenate([*parts, sizes, (roi.x_offset, roi.y_offset, roi.width, roi.height)])
 
 
-def by_name(topic):
+def is_rectified_topic(topic):
     """Whether an image topic is one of rectified images, by the names that image_proc gives."""
-    return RECTIFIED.search(topic) is not None
+    return RECTIFIED_TOPIC_PATTERN.search(topic) is not None
 
 
-def block(message, rectified):
+def camera_block_from_info(message, rectified):
     """(camera block, in words what it was made of) of a CameraInfo for raw or rectified images.
 
     Binning and region of interest are those of the message. Raises CameraInfoError where there is
     no such block.
     """
     name = message.distortion_model.strip().lower()
-    K, P = np.reshape(_of(message, "k"), (3, 3)), np.reshape(_of(message, "p"), (3, 4))
+    K, P = (
+        np.reshape(_read_field(message, "k"), (3, 3)),
+        np.reshape(_read_field(message, "p"), (3, 4)),
+    )
     matrix = P[:, :3] if rectified else K
     if not (np.isfinite(matrix).all() and matrix[0, 0] > 0 and matrix[1, 1] > 0):
         raise CameraInfoError(
@@ -62,43 +68,53 @@ def block(message, rectified):
             "focal lengths above 0",
             "Calibrate the camera and record its CameraInfo, or write model, size_px and params.",
         )
-    model, distortion = ("radtan", [0.0] * 4) if rectified else _distortion(name, message)
-    matrix, size = _cut(matrix, message)
+    model, distortion = (
+        ("radtan", [0.0] * 4) if rectified else _distortion_parameters(name, message)
+    )
+    matrix, size = _apply_binning_and_roi(matrix, message)
     fx, fy, cx, cy = (float(matrix[i]) for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    words = _rectified(message) if rectified else f"K and D of CameraInfo ({name or 'no model'})"
+    words = (
+        _describe_rectification(message)
+        if rectified
+        else f"K and D of CameraInfo ({name or 'no model'})"
+    )
     made = {"model": model, "size_px": size, "params": [fx, fy, cx, cy, *distortion]}
     return made, words
 
 
-def _of(message, name):
+def _read_field(message, name):
     """A field whose name ROS 1 writes with a capital."""
     return np.asarray(getattr(message, name, getattr(message, name.upper(), None)), float)
 
 
-def _distortion(name, message):
+def _distortion_parameters(name, message):
     """(model, its distortion parameters)."""
-    d = _of(message, "d").ravel()
-    if not d.any() and name in ("", "none", *(k for k, v in MODELS.items() if v == RADTAN)):
+    d = _read_field(message, "d").ravel()
+    if not d.any() and name in (
+        "",
+        "none",
+        *(k for k, v in DISTORTION_MODELS.items() if v == RADTAN_DISTORTION),
+    ):
         return "radtan", [0.0] * 4
-    if name not in MODELS:
+    if name not in DISTORTION_MODELS:
         raise CameraInfoError(
             "CameraInfo of another distortion model",
             name or "no name",
-            ", ".join(MODELS),
+            ", ".join(DISTORTION_MODELS),
             "Write model, size_px and params of a model that this version knows.",
         )
-    model, count = MODELS[name]
+    model, count = DISTORTION_MODELS[name]
     if not np.isfinite(d).all():
         raise CameraInfoError(
             "CameraInfo whose D is no number",
-            _listed(d),
+            _describe_distortion(d),
             f"{count} numbers",
             "Calibrate the camera anew, or write model, size_px and params.",
         )
     if d[count:].any():
         raise CameraInfoError(
             f"CameraInfo whose {name} has more than {model} holds",
-            _listed(d),
+            _describe_distortion(d),
             f"zeros after the first {count}",
             "Calibrate with plumb_bob, or use the rectified images, whose P holds without D.",
         )
@@ -107,17 +123,21 @@ def _distortion(name, message):
     return model, padded[: 4 if model == "radtan" and not padded[4] else count].tolist()
 
 
-def _listed(d):
+def _describe_distortion(d):
     return "D " + " ".join(f"{v:g}" for v in d)
 
 
-def told(message):
+def describe_camera_info(message):
     """fx fy cx cy and D of a CameraInfo, in words."""
-    K = _of(message, "k").ravel()
-    return " ".join(f"{K[i]:g}" for i in (0, 4, 2, 5)) + ", " + _listed(_of(message, "d").ravel())
+    K = _read_field(message, "k").ravel()
+    return (
+        " ".join(f"{K[i]:g}" for i in (0, 4, 2, 5))
+        + ", "
+        + _describe_distortion(_read_field(message, "d").ravel())
+    )
 
 
-def _cut(matrix, message):
+def _apply_binning_and_roi(matrix, message):
     """(K (3, 3), [width, height]) of what binning and region of interest leave of the image."""
     roi = message.roi
     size = np.array([roi.width or message.width, roi.height or message.height])
@@ -129,8 +149,8 @@ def _cut(matrix, message):
     return K, (size // bins).tolist()
 
 
-def _rectified(message):
-    R = np.reshape(_of(message, "r"), (3, 3))
+def _describe_rectification(message):
+    R = np.reshape(_read_field(message, "r"), (3, 3))
     # Where there is none, drivers leave zeros.
     R = R if R.any() else np.eye(3)
     turned = np.degrees(np.arccos(np.clip((np.trace(R) - 1) / 2, -1, 1)))

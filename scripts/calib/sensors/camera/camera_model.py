@@ -19,46 +19,50 @@ import numpy as np
 
 from calib.sensors.camera.models import double_sphere, kannala_brandt, radtan
 
-MODELS = {"radtan": radtan, "kannala_brandt": kannala_brandt, "double_sphere": double_sphere}
+CAMERA_MODELS = {"radtan": radtan, "kannala_brandt": kannala_brandt, "double_sphere": double_sphere}
 
 
 @dataclass(frozen=True)
-class Camera:
+class CameraModel:
     """A camera model with its parameters and image size (width, height), px."""
 
     model: str
     params: tuple
-    size: tuple
+    size_px: tuple
 
     def __post_init__(self):
-        module = MODELS[self.model]
-        most = len(module.PARAMS)
-        least = most - len(module.OPTIONAL)
+        module = CAMERA_MODELS[self.model]
+        most = len(module.PARAMETER_NAMES)
+        least = most - len(module.OPTIONAL_PARAMETERS)
         if not least <= len(self.params) <= most:
             raise ValueError(
-                f"params: {len(self.params)} numbers, {self.model} takes {' '.join(module.PARAMS)}"
-                + (f" ({' '.join(module.OPTIONAL)} optional)" if module.OPTIONAL else "")
+                f"params: {len(self.params)} numbers, {self.model} takes {' '.join(module.PARAMETER_NAMES)}"
+                + (
+                    f" ({' '.join(module.OPTIONAL_PARAMETERS)} optional)"
+                    if module.OPTIONAL_PARAMETERS
+                    else ""
+                )
             )
         padded = tuple(self.params) + (0.0,) * (most - len(self.params))
         object.__setattr__(self, "params", tuple(float(p) for p in padded))
-        object.__setattr__(self, "size", tuple(int(s) for s in self.size))
+        object.__setattr__(self, "size", tuple(int(s) for s in self.size_px))
 
     def project(self, p_camera):
         """Pixels (n, 2) of points (n, 3), m, and whether the model holds there (n,)."""
         x, y, z = np.asarray(p_camera, float).reshape(-1, 3).T
-        module = MODELS[self.model]
+        module = CAMERA_MODELS[self.model]
         uv = np.stack(module.project(self.params, x, y, z), -1)
-        return uv, np.asarray(module.domain(self.params, x, y, z))
+        return uv, np.asarray(module.is_in_domain(self.params, x, y, z))
 
     def unproject(self, uv):
         """Unit rays (n, 3) of pixels (n, 2), and whether the model has one there (n,)."""
         u, v = np.asarray(uv, float).reshape(-1, 2).T
-        x, y, z, ok = MODELS[self.model].unproject(self.params, u, v)
+        x, y, z, ok = CAMERA_MODELS[self.model].unproject(self.params, u, v)
         return np.stack([x, y, z], -1), ok
 
-    def in_image(self, uv, margin=0.0):
+    def is_in_image(self, uv, margin=0.0):
         """Whether pixels (n, 2) lie in the image, margin px or more from its border."""
-        width, height = self.size
+        width, height = self.size_px
         u, v = np.asarray(uv, float).reshape(-1, 2).T
         inside = (u >= margin - 0.5) & (u <= width - 0.5 - margin)
         return inside & (v >= margin - 0.5) & (v <= height - 0.5 - margin)

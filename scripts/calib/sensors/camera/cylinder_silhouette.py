@@ -10,49 +10,54 @@ import cv2
 import numpy as np
 from scipy.ndimage import binary_erosion
 
-from calib.io.status import OK, failed
-from calib.sensors.camera.subpixel_edges import Edges, refine
+from calib.io.status import OK, failure_status
+from calib.sensors.camera.subpixel_edges import SubpixelEdges, refine_outline
 
-MIN_AREA_PX2, AREA_RATIO, MIN_LIMB = 1000, 1.5, 20
-CENTRAL = 0.35  # of the blob's length, to either side of its middle: limbs, never caps
-FLANK = np.sin(np.deg2rad(30))  # between a limb's normals and the normal of the blob's axis
-ALIGNED = np.cos(np.deg2rad(25))  # between the blob's axis and where the guess has it
-STRAIGHT_PX, END_PX = 1.5, 8  # off the plane of a limb; cut off where a limb ends
-OUTLIER_PX = 0.5  # off the plane of a limb, beyond 2 sigma, of a measured edge
+MIN_BLOB_AREA_PX2, MAX_BLOB_AREA_RATIO, MIN_LIMB_POINTS = 1000, 1.5, 20
+CENTRAL_LIMB_SHARE = 0.35  # of the blob's length, to either side of its middle: limbs, never caps
+MAX_FLANK_SINE = np.sin(
+    np.deg2rad(30)
+)  # between a limb's normals and the normal of the blob's axis
+MIN_BLOB_AXIS_COSINE = np.cos(np.deg2rad(25))  # between the blob's axis and where the guess has it
+MAX_LIMB_DISTANCE_PX, LIMB_END_TRIM_PX = (
+    1.5,
+    8,
+)  # off the plane of a limb; cut off where a limb ends
+LIMB_OUTLIER_MARGIN_PX = 0.5  # off the plane of a limb, beyond 2 sigma, of a measured edge
 
 
 class Silhouette(NamedTuple):
     """The closed edge, in pixels of the whole image, and the side (n,) of each point: that of
     d · (c × a) for its ray d, the axis' direction a and a point c on it; 0 is off the limbs."""
 
-    edges: Edges
+    edges: SubpixelEdges
     side: np.ndarray
 
 
-def find(image, offset, color, camera, target, T_camera_target):
+def find_cylinder_silhouette(image, offset, color, camera, target, T_camera_target):
     """(Silhouette of a cylinder or None, status) in a region (h, w, 3) uint8 of an image.
 
     offset (2,): pixel of the image at the region's (0, 0). The pose (4, 4) may be a guess.
     """
-    outline = contour(image, color)
-    status = check(image, outline, camera, target, T_camera_target)
+    outline = find_color_contour(image, color)
+    status = check_color_blob(image, outline, camera, target, T_camera_target)
     if not status.ok:
         return None, status
-    edges = refine(image, outline)
+    edges = refine_outline(image, outline)
     edges = edges._replace(uv=edges.uv + offset)
-    side = sides(edges, camera, T_camera_target)
+    side = assign_limb_sides(edges, camera, T_camera_target)
     count = np.count_nonzero(side)
-    if count < MIN_LIMB:
-        return None, failed(
+    if count < MIN_LIMB_POINTS:
+        return None, failure_status(
             "too little of the cylinder's straight sides is seen",
             f"{count} points",
-            f"{MIN_LIMB} or more",
+            f"{MIN_LIMB_POINTS} or more",
             "clear what hides it, or place it before a plain background",
         )
     return Silhouette(edges, side), OK
 
 
-def contour(image, color):
+def find_color_contour(image, color):
     """Border pixels (n, 2) of the largest blob of a colour, holes filled, in order; or None."""
     mask = np.pad(color.mask(image).astype(np.uint8), 2)
     for way in (cv2.MORPH_CLOSE, cv2.MORPH_OPEN):
@@ -63,47 +68,47 @@ def contour(image, color):
     return max(blobs, key=cv2.contourArea)[:, 0].astype(float) - 2
 
 
-def check(image, outline, camera, target, T_camera_target):
+def check_color_blob(image, outline, camera, target, T_camera_target):
     """Status: whether a blob's outline (n, 2) can be the target about where it is expected."""
     if outline is None:
-        return failed(
+        return failure_status(
             "nothing of the target's colour", "", "", "check `color` of the target, and the light"
         )
     area = cv2.contourArea(outline.astype(np.float32))
-    if area < MIN_AREA_PX2:
-        return failed(
+    if area < MIN_BLOB_AREA_PX2:
+        return failure_status(
             "the blob of the target's colour is too small",
             f"{area:.0f} px²",
-            f"{MIN_AREA_PX2} px² or more",
+            f"{MIN_BLOB_AREA_PX2} px² or more",
             "bring the target nearer, or check `color` of the target",
         )
     height, width = image.shape[:2]
     if (outline.min(0) < 1).any() or (outline.max(0) > [width - 2, height - 2]).any():
-        return failed(
+        return failure_status(
             "the blob of the target's colour touches the border of the image region",
             "",
             "a target wholly in view",
             "move the target towards the middle of the view",
         )
-    expected = _predicted_area(camera, target, T_camera_target)
-    if not expected / AREA_RATIO < area < expected * AREA_RATIO:
-        return failed(
+    expected = _predict_area(camera, target, T_camera_target)
+    if not expected / MAX_BLOB_AREA_RATIO < area < expected * MAX_BLOB_AREA_RATIO:
+        return failure_status(
             "the blob of the target's colour has not the target's size",
             f"{area:.0f} px²",
-            f"{expected:.0f} px² within a factor {AREA_RATIO}",
+            f"{expected:.0f} px² within a factor {MAX_BLOB_AREA_RATIO}",
             "remove other things of that colour and what hides the target, or check the guess",
         )
     return OK
 
 
-def _predicted_area(camera, target, T_camera_target):
+def _predict_area(camera, target, T_camera_target):
     """Area, px², of the target's outline; 0 where the lens cannot see all of it."""
     points = target.outline_points() @ T_camera_target[:3, :3].T + T_camera_target[:3, 3]
     uv, ok = camera.project(points)
     return cv2.contourArea(cv2.convexHull(uv.astype(np.float32))) if ok.all() else 0.0
 
 
-def sides(edges, camera, T_camera_target):
+def assign_limb_sides(edges, camera, T_camera_target):
     """Side (n,), -1 or 1, of the edges (in pixels of the image) on a limb, 0 elsewhere.
 
     A limb lies in a plane through the camera, whatever the lens. Each is fitted to the points on
@@ -118,13 +123,15 @@ def sides(edges, camera, T_camera_target):
     ends = camera.unproject(middle + 0.2 * np.outer([-1, 1], np.ptp(along) * axis))[0]
     half = np.where(rays @ np.cross(*ends) > 0, 1, -1)
     seen = ok & ok_beside & aligned
-    sure = seen & edges.settled & (np.abs(edges.normal @ axis) < FLANK)
-    sure &= np.abs(along - (along.max() + along.min()) / 2) < CENTRAL * np.ptp(along)
+    sure = seen & edges.is_measured & (np.abs(edges.normal @ axis) < MAX_FLANK_SINE)
+    sure &= np.abs(along - (along.max() + along.min()) / 2) < CENTRAL_LIMB_SHARE * np.ptp(along)
     for sign in (-1, 1):
-        if np.count_nonzero(sure & (half == sign)) >= MIN_LIMB:
+        if np.count_nonzero(sure & (half == sign)) >= MIN_LIMB_POINTS:
             off = np.abs(_off_plane(rays, beside, sure & (half == sign)))
-            straight = _eroded(seen & (half == sign) & (off < STRAIGHT_PX))
-            side[straight & edges.settled & (off < OUTLIER_PX + 2 * edges.sigma)] = sign
+            straight = _trim_limb_ends(seen & (half == sign) & (off < MAX_LIMB_DISTANCE_PX))
+            side[
+                straight & edges.is_measured & (off < LIMB_OUTLIER_MARGIN_PX + 2 * edges.sigma)
+            ] = sign
     return side
 
 
@@ -138,25 +145,27 @@ def _main_axis(uv, camera, T_camera_target):
     low, high = camera.project(T_camera_target[:3, 3] + np.outer([-1, 1], half))[0]
     cosine = axis @ (high - low) / max(np.linalg.norm(high - low), 1e-9)
     middle = np.array([m["m10"], m["m01"]]) / m["m00"]
-    return middle, np.copysign(1, cosine) * axis, abs(cosine) > ALIGNED
+    return middle, np.copysign(1, cosine) * axis, abs(cosine) > MIN_BLOB_AXIS_COSINE
 
 
-def _off_plane(rays, beside, start):
+def _off_plane(rays, rays_outward, is_start):
     """Distances (n,), px outwards, of rays (n, 3) from the plane through most of those at start.
 
-    beside (n, 3) are the rays one pixel outwards, which turn angles into pixels.
+    rays_outward (n, 3) are the rays one pixel outwards, which turn angles into pixels.
     """
-    weight = start.astype(float)
+    weight = is_start.astype(float)
     off = np.zeros(len(rays))
     for scale in (None, 3.0, 1.0, 0.5, 0.3, 0.3):
         if scale is not None:
-            weight = start * np.clip(1 - (off / (3 * scale)) ** 2, 0, None) ** 2
+            weight = is_start * np.clip(1 - (off / (3 * scale)) ** 2, 0, None) ** 2
         normal = np.linalg.eigh((rays * weight[:, None]).T @ rays)[1][:, 0]
-        off = rays @ normal / np.maximum(np.abs((beside - rays) @ normal), 1e-12)
+        off = rays @ normal / np.maximum(np.abs((rays_outward - rays) @ normal), 1e-12)
     return off
 
 
-def _eroded(straight):
+def _trim_limb_ends(straight):
     """Those of a closed row of flags (n,) that stand END_PX or more from the next that is not."""
-    row = np.concatenate([straight[-END_PX:], straight, straight[:END_PX]])
-    return binary_erosion(row, np.ones(2 * END_PX + 1))[END_PX:-END_PX]
+    row = np.concatenate([straight[-LIMB_END_TRIM_PX:], straight, straight[:LIMB_END_TRIM_PX]])
+    return binary_erosion(row, np.ones(2 * LIMB_END_TRIM_PX + 1))[
+        LIMB_END_TRIM_PX:-LIMB_END_TRIM_PX
+    ]

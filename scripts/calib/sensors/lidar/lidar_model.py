@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.geometry import se3
+from calib.geometry.se3 import se3_exp, transform_points
 
 
 @dataclass(frozen=True)
-class Lidar:
+class LidarModel:
     """Steps and limits of the scan pattern, rad; range limits and starting noise, m.
 
     What its beams may do to its data, as far as it was estimated: range_bias, m, by which all
@@ -20,18 +20,18 @@ class Lidar:
 
     azimuth_step: float
     elevation_step: float
-    azimuth: tuple | None
-    elevation: tuple | None
-    range: tuple
+    azimuth_limits: tuple | None
+    elevation_limits: tuple | None
+    range_limits: tuple
     range_sigma: float
     beam_range_sigma: float = 0.02
     beam_width_sigma: float = 0.01
     range_bias: float = 0.0
     range_offsets: tuple = ()
     beam_width: tuple = (0.0, 0.0)
-    apart: tuple = (0.0,) * 6
+    outline_twist: tuple = (0.0,) * 6
 
-    def mended(self, xyz, ring):
+    def correct_ranges(self, xyz, ring):
         """Returns xyz (n, 3) of rings (n,), sensor frame, where they should be."""
         if self.range_bias or self.range_offsets:
             offsets = np.append(self.range_offsets, 0.0)
@@ -40,14 +40,14 @@ class Lidar:
             xyz = xyz * (1 - longer / np.linalg.norm(xyz, axis=1))[:, None]
         return xyz
 
-    def aimed(self, ray, ranges):
+    def correct_rays(self, ray, ranges):
         """Where unit rays (n, 3), sensor frame, that meet something at ranges (n,) should point."""
-        if not any(self.apart):
+        if not any(self.outline_twist):
             return ray
-        there = se3.transform(se3.se3_exp(np.array(self.apart)), ray * ranges[:, None])
+        there = transform_points(se3_exp(np.array(self.outline_twist)), ray * ranges[:, None])
         return there / np.linalg.norm(there, axis=1)[:, None]
 
-    def widening(self, ranges):
+    def outline_dilation(self, ranges):
         """Angle (n,), rad, by which an outline at ranges (n,), m, is seen outside of itself."""
         width, divergence = self.beam_width
         return width / ranges + divergence
@@ -56,13 +56,13 @@ class Lidar:
     def from_config(cls, config):
         """The Lidar of a sensor block; angles converted to rad."""
         limits = {
-            k: tuple(np.radians(config[f"{k}_deg"])) if f"{k}_deg" in config else None
+            f"{k}_limits": tuple(np.radians(config[f"{k}_deg"])) if f"{k}_deg" in config else None
             for k in ("azimuth", "elevation")
         }
         return cls(
             azimuth_step=np.radians(config["azimuth_step_deg"]),
             elevation_step=np.radians(config["elevation_step_deg"]),
-            range=tuple(config["range_m"]),
+            range_limits=tuple(config["range_m"]),
             range_sigma=config["range_sigma_m"],
             beam_range_sigma=config["beam_range_sigma_m"],
             beam_width_sigma=config["beam_width_sigma_m"],

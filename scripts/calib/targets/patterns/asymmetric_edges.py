@@ -14,36 +14,40 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from calib.targets.patterns import gradient_corners
+from calib.targets.patterns.gradient_corners import refine_gradient_corners
 
-UNLIKE = 0.06  # of the saddle: simulated images leave 0.02, the recording 0.13 to 0.21
-LAPLACE = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]]) / 6  # keeps the variance of white noise
+MAX_MISFIT_TO_SADDLE = (
+    0.06  # of the saddle: simulated images leave 0.02, the recording 0.13 to 0.21
+)
+LAPLACE_KERNEL = (
+    np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]]) / 6
+)  # keeps the variance of white noise
 MAD_TO_SIGMA = 1.4826
 
 
-def corrected(region, fit, along, across):
+def fix_asymmetric_edges(region, fit, along, across):
     """The Fit, its corners moved to where gradients meet if edges are unlike the model's.
 
     What the model leaves is no noise then: all corners are trusted as much as the middle one.
     """
-    if not fit.ok.any() or _misfit(region, fit) < UNLIKE:
+    if not fit.is_valid.any() or _relative_misfit(region, fit) < MAX_MISFIT_TO_SADDLE:
         return fit
-    rows = np.flatnonzero(fit.ok)
+    rows = np.flatnonzero(fit.is_valid)
     spacing = min(np.linalg.norm(s[rows], axis=1).min() for s in (along, across))
     radius = float(np.clip(0.4 * spacing, 2.5, 10))
-    uv, ok = fit.uv.copy(), fit.ok.copy()
-    uv[rows], ok[rows] = gradient_corners.refine(region.grey, fit.uv[rows], radius)
+    uv, ok = fit.uv.copy(), fit.is_valid.copy()
+    uv[rows], ok[rows] = refine_gradient_corners(region.grey, fit.uv[rows], radius)
     variance = np.median(np.trace(fit.covariance[rows], axis1=1, axis2=2)) / 2
     alike = np.tile(variance * np.eye(2), (len(uv), 1, 1))
-    return replace(fit, uv=uv, ok=ok, covariance=alike)
+    return replace(fit, uv=uv, is_valid=ok, covariance=alike)
 
 
-def _misfit(region, fit):
+def _relative_misfit(region, fit):
     """What the model leaves beside the noise, over the saddle, at most corners."""
-    beside = np.maximum(fit.rms**2 - _noise(region.grey) ** 2, 0) ** 0.5
-    return np.median((beside / np.maximum(np.abs(fit.saddle), 1e-9))[fit.ok])
+    beside = np.maximum(fit.rms**2 - _image_noise(region.grey) ** 2, 0) ** 0.5
+    return np.median((beside / np.maximum(np.abs(fit.saddle), 1e-9))[fit.is_valid])
 
 
-def _noise(grey):
+def _image_noise(grey):
     """Image noise, grey levels, after Immerkær (1996), by the median."""
-    return MAD_TO_SIGMA * np.median(np.abs(cv2.filter2D(grey, cv2.CV_64F, LAPLACE)))
+    return MAD_TO_SIGMA * np.median(np.abs(cv2.filter2D(grey, cv2.CV_64F, LAPLACE_KERNEL)))

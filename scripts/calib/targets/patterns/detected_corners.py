@@ -6,11 +6,11 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Corners:
+class DetectedCorners:
     """Corners found: place (n,) in the detected grid, pixel (n, 2) of the whole image, covariance
     (n, 2, 2), px²."""
 
-    index: np.ndarray
+    corner_index: np.ndarray
     uv: np.ndarray
     covariance: np.ndarray
 
@@ -20,7 +20,7 @@ class Corners:
         return np.sqrt(np.trace(self.covariance, axis1=1, axis2=2) / 2)
 
     @property
-    def whiten(self):
+    def whitening(self):
         """a, b, c (n, 3) of the triangle W = [[a, b], [0, c]] with WᵀW = σ² Σ⁻¹: residuals W e have
         the error σ in both parts."""
         shape = np.linalg.inv(self.covariance) * self.sigma[:, None, None] ** 2

@@ -5,12 +5,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-FEWEST = 6  # cells: four fit any plane
-MISFIT = 0.15  # of the spacing: seeds of which half are farther from one plane are no grid
+MIN_PLANE_CELLS = 6  # cells: four fit any plane
+MAX_PLANE_MISFIT_SHARE = (
+    0.15  # of the spacing: seeds of which half are farther from one plane are no grid
+)
 
 
 @dataclass(frozen=True)
-class Region:
+class ImageRegion:
     """Grey levels (h, w) uint8 of a camera's image from its pixel offset (2,) on."""
 
     grey: np.ndarray
@@ -28,18 +30,18 @@ class Region:
 
 
 @dataclass(frozen=True)
-class Plane:
+class GridPlane:
     """A plane with a grid seen through a lens: ray ~ axes · H · (column, row, 1)."""
 
-    region: Region
+    region: ImageRegion
     axes: np.ndarray
-    H: np.ndarray
+    homography: np.ndarray
 
     @classmethod
-    def through(cls, region, cells, uv):
+    def fit_cells(cls, region, cells, uv):
         """The plane that half or more of the pixels uv (n, 2) of cells (n, 2) agree on, or None."""
         rays, ok = region.unproject(uv)
-        if len(rays) < FEWEST or not ok.all():
+        if len(rays) < MIN_PLANE_CELLS or not ok.all():
             return None
         axes = np.linalg.svd(np.eye(3) - np.outer(m := rays.mean(0), m) / (m @ m))[0]
         axes[:, 2] *= np.sign(axes[:, 2] @ m)
@@ -49,21 +51,21 @@ class Plane:
         H, _ = cv2.findHomography(cells.astype(float), flat[:, :2] / flat[:, 2:], cv2.LMEDS)
         return None if H is None else cls(region, axes, H)
 
-    def pixels(self, cells):
+    def project_cells(self, cells):
         """The region's pixels (..., 2) of cells (..., 2); NaN where there are none."""
         cells = np.asarray(cells, float)
-        flat = np.concatenate([cells, np.ones((*cells.shape[:-1], 1))], -1) @ self.H.T
+        flat = np.concatenate([cells, np.ones((*cells.shape[:-1], 1))], -1) @ self.homography.T
         uv, ok = self.region.project(flat.reshape(-1, 3) @ self.axes.T)
         uv[~ok | (flat.reshape(-1, 3)[:, 2] <= 0)] = np.nan
         return uv.reshape(cells.shape)
 
-    def sides(self, cells):
+    def cell_sides(self, cells):
         """The ways (n, 2), px, from cells (n, 2) to the next column and to the next row."""
         half = 0.5 * np.eye(2)
-        return [self.pixels(cells + h) - self.pixels(cells - h) for h in half]
+        return [self.project_cells(cells + h) - self.project_cells(cells - h) for h in half]
 
 
-def lattice(columns, rows, beyond=0):
+def make_grid_cells(columns, rows, beyond=0):
     """Cells (rows, columns, 2) as (column, row), and so many more on every side."""
     i, j = (np.arange(-beyond, n + beyond) for n in (columns, rows))
     return np.stack(np.meshgrid(i, j), -1)

@@ -14,11 +14,12 @@ A pattern is one module with a frozen dataclass that has
 To add a pattern: write calib/targets/patterns/<kind>.py and add it to PATTERNS.
 """
 
-from calib.targets.patterns import charuco, checkerboard
+from calib.targets.patterns.charuco import Charuco
+from calib.targets.patterns.checkerboard import Checkerboard
 
-PATTERNS = {"checkerboard": checkerboard.Checkerboard, "charuco": charuco.Charuco}
+TARGET_PATTERNS = {"checkerboard": Checkerboard, "charuco": Charuco}
 
 
-def from_config(config):
+def pattern_from_config(config):
     """The pattern of a target's `pattern` block."""
-    return PATTERNS[config["kind"]].from_config(config)
+    return TARGET_PATTERNS[config["kind"]].from_config(config)

@@ -3,27 +3,30 @@
 import numpy as np
 
 from calib.io.status import MessageError
-from calib.sensors.camera.images.pixel_encodings import ENCODINGS
+from calib.sensors.camera.images.pixel_encodings import PIXEL_ENCODINGS
 
 
 def read(message):
     """(h, w, 3) uint8, blue green red. Raises MessageError for an encoding that is not read, and
     where the data do not hold the image."""
-    encoding = ENCODINGS.get(message.encoding)
+    encoding = PIXEL_ENCODINGS.get(message.encoding)
     if encoding is None:
         raise MessageError(
-            f"images encoded {message.encoding}; this version reads {', '.join(ENCODINGS)}: "
+            f"images encoded {message.encoding}; this version reads {', '.join(PIXEL_ENCODINGS)}: "
             "convert the topic with image_proc and record it again"
         )
     # Foxglove's are always little-endian.
     order = ">" if getattr(message, "is_bigendian", False) else "<"
-    return encoding.to_bgr(_pixels(message, encoding, np.dtype(order + encoding.dtype)))
+    return encoding.to_bgr(_unpad_pixels(message, encoding, np.dtype(order + encoding.dtype)))
 
 
-def _pixels(message, encoding, dtype):
+def _unpad_pixels(message, encoding, dtype):
     """(rows, width[, channels]) of native byte order, without the padding of rows."""
     width, step = message.width, message.step
-    rows, used = message.height * encoding.rows // 2, width * encoding.channels * dtype.itemsize
+    rows, used = (
+        message.height * encoding.rows_per_two_lines // 2,
+        width * encoding.channels * dtype.itemsize,
+    )
     data = np.asarray(message.data, np.uint8)
     # The last row may do without its padding.
     if not rows * used or step < used or (rows - 1) * step + used > len(data):

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from calib.geometry.numpy_or_casadi import where
+from calib.geometry.numpy_or_casadi import elementwise_if_else
 
-PARAMS = ("fx", "fy", "cx", "cy", "xi", "alpha")
-OPTIONAL = ()
+PARAMETER_NAMES = ("fx", "fy", "cx", "cy", "xi", "alpha")
+OPTIONAL_PARAMETERS = ()
 
 
 def project(k, x, y, z):
@@ -16,11 +16,11 @@ def project(k, x, y, z):
     shifted = xi * d1 + z
     d2 = np.sqrt(r2 + shifted * shifted + 1e-300)
     raw = alpha * d2 + (1 - alpha) * shifted
-    denominator = where(raw > 1e-12, raw, 1.0)
+    denominator = elementwise_if_else(raw > 1e-12, raw, 1.0)
     return k[0] * x / denominator + k[2], k[1] * y / denominator + k[3]
 
 
-def domain(k, x, y, z):
+def is_in_domain(k, x, y, z):
     """Equations 43 to 45."""
     xi, alpha = k[4], k[5]
     w1 = alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from calib.geometry.numpy_or_casadi import where
+from calib.geometry.numpy_or_casadi import elementwise_if_else
 from calib.sensors.camera.models.polynomial_roots import first_positive_root
 
-PARAMS = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
-OPTIONAL = ()
+PARAMETER_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
+OPTIONAL_PARAMETERS = ()
 
 
-def _bend(k, theta):
+def _distort_angle(k, theta):
     t2 = theta * theta
     return theta * (1 + t2 * (k[4] + t2 * (k[5] + t2 * (k[6] + t2 * k[7]))))
 
@@ -18,21 +18,21 @@ def project(k, x, y, z):
     r2 = x * x + y * y
     # On the axis theta / r tends to 1 / z; the other branch would divide by zero.
     on_axis = r2 < 1e-18 * z * z + 1e-30
-    r = np.sqrt(where(on_axis, 1.0, r2))
-    depth = where(z * z > 1e-30, z, 1.0)
-    scale = where(on_axis, 1 / depth, _bend(k, np.arctan2(r, z)) / r)
+    r = np.sqrt(elementwise_if_else(on_axis, 1.0, r2))
+    depth = elementwise_if_else(z * z > 1e-30, z, 1.0)
+    scale = elementwise_if_else(on_axis, 1 / depth, _distort_angle(k, np.arctan2(r, z)) / r)
     return k[0] * scale * x + k[2], k[1] * scale * y + k[3]
 
 
-def domain(k, x, y, z):
+def is_in_domain(k, x, y, z):
     """Up to the angle at which the polynomial turns back, at most π."""
-    limit = _largest_angle(k)
+    limit = _max_angle(k)
     r = np.sqrt(x * x + y * y)
     theta = np.arctan2(r, z)
     return (theta < limit) & (r * r + z * z > 1e-18)
 
 
-def _largest_angle(k):
+def _max_angle(k):
     turn = first_positive_root([9 * k[7], 7 * k[6], 5 * k[5], 3 * k[4], 1])
     return min(np.sqrt(turn), np.pi - 1e-6)
 
@@ -41,16 +41,16 @@ def unproject(k, u, v):
     """Newton's method on the angle, held inside the model's domain."""
     a, b = (u - k[2]) / k[0], (v - k[3]) / k[1]
     goal = np.hypot(a, b)
-    limit = _largest_angle(k)
+    limit = _max_angle(k)
     theta = np.minimum(goal, limit)
     for _ in range(30):
         t2 = theta * theta
         slope = 1 + t2 * (3 * k[4] + t2 * (5 * k[5] + t2 * (7 * k[6] + t2 * 9 * k[7])))
-        step = (_bend(k, theta) - goal) / np.where(np.abs(slope) > 1e-9, slope, 1e-9)
+        step = (_distort_angle(k, theta) - goal) / np.where(np.abs(slope) > 1e-9, slope, 1e-9)
         before, theta = theta, np.clip(theta - step, 0, limit)
         if np.array_equal(theta, before):
             break
-    ok = np.abs(_bend(k, theta) - goal) < 1e-10 * (1 + goal)
+    ok = np.abs(_distort_angle(k, theta) - goal) < 1e-10 * (1 + goal)
     with np.errstate(invalid="ignore", divide="ignore"):
         scale = np.where(goal > 1e-15, np.sin(theta) / goal, 1.0)
     return scale * a, scale * b, np.cos(theta), ok

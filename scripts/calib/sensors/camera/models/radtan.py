@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from calib.geometry.numpy_or_casadi import where
+from calib.geometry.numpy_or_casadi import elementwise_if_else
 from calib.sensors.camera.models.polynomial_roots import first_positive_root
 
-PARAMS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-OPTIONAL = ("k3",)
+PARAMETER_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+OPTIONAL_PARAMETERS = ("k3",)
 
 
 def _distort(k, x, y):
@@ -19,7 +19,7 @@ def _distort(k, x, y):
     )
 
 
-def _slopes(k, x, y):
+def _distortion_jacobian(k, x, y):
     """Derivatives of _distort: of its first by x, of either by the other's, of its second by y."""
     _, _, _, _, k1, k2, p1, p2, k3 = k
     r2 = x * x + y * y
@@ -31,12 +31,12 @@ def _slopes(k, x, y):
 
 
 def project(k, x, y, z):
-    depth = where(z > 1e-9, z, 1.0)
+    depth = elementwise_if_else(z > 1e-9, z, 1.0)
     a, b = _distort(k, x / depth, y / depth)
     return k[0] * a + k[2], k[1] * b + k[3]
 
 
-def domain(k, x, y, z):
+def is_in_domain(k, x, y, z):
     """In front of the camera and inside the radius at which the radial distortion turns back.
 
     The tangential distortion turns back a little earlier on one side.
@@ -45,7 +45,7 @@ def domain(k, x, y, z):
     limit = first_positive_root([7 * k3, 5 * k2, 3 * k1, 1])
     front = z > 1e-9
     depth = np.where(front, z, 1.0)
-    xx, xy, yy = _slopes(k, x / depth, y / depth)
+    xx, xy, yy = _distortion_jacobian(k, x / depth, y / depth)
     return front & (x * x + y * y < limit * z * z) & (xx * yy > xy * xy)
 
 
@@ -56,14 +56,14 @@ def unproject(k, u, v):
     with np.errstate(all="ignore"):
         for _ in range(30):
             a, b = _distort(k, x, y)
-            xx, xy, yy = _slopes(k, x, y)
+            xx, xy, yy = _distortion_jacobian(k, x, y)
             determinant = xx * yy - xy * xy
             ex, ey = goal_x - a, goal_y - b
             x = x + (yy * ex - xy * ey) / determinant
             y = y + (xx * ey - xy * ex) / determinant
         a, b = _distort(k, x, y)
         ok = np.hypot(a - goal_x, b - goal_y) < 1e-10 * (1 + np.hypot(goal_x, goal_y))
-        ok &= domain(k, x, y, np.ones_like(x))
+        ok &= is_in_domain(k, x, y, np.ones_like(x))
     x, y = np.where(ok, x, 0.0), np.where(ok, y, 0.0)
     norm = np.sqrt(x * x + y * y + 1)
     return x / norm, y / norm, 1 / norm, ok

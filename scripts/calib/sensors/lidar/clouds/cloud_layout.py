@@ -2,30 +2,35 @@
 
 from dataclasses import asdict, dataclass
 
-from calib.io.status import OK, failed
-from calib.sensors.lidar.clouds import beam_inference, point_time_inference
+from calib.io.status import OK, failure_status
+from calib.sensors.lidar.clouds.beam_inference import BeamSource, infer_beams
+from calib.sensors.lidar.clouds.point_time_inference import (
+    DEFAULT_MAX_SCAN_NS,
+    PointTime,
+    infer_point_time,
+)
 
-LONGEST_NS = 10**9  # from stamp to stamp: beyond that, clouds were left out of the log
-UNTIMED = (
+MAX_SCAN_PERIOD_NS = 10**9  # from stamp to stamp: beyond that, clouds were left out of the log
+NO_POINT_TIME_TEXT = (
     "each scan is taken as one moment: used only while everything rests, and the sensor's clock "
     "cannot be told from the motion capture's"
 )
 
 
 @dataclass(frozen=True)
-class Layout:
+class CloudLayout:
     """times.Time and rings.Ring of a lidar's clouds, None where they have none, and the time, ns,
     from scan to scan, 0 if unknown."""
 
-    time: point_time_inference.Time | None = None
-    ring: beam_inference.Ring | None = None
-    period: int = 0
+    point_time: PointTime | None = None
+    beams: BeamSource | None = None
+    period_ns: int = 0
 
-    def reach(self, dt):
+    def time_span_ns(self, dt):
         """First and last time, ns after the stamp, at which a scan with points at dt (n,) can have
         measured: a whole period to both sides where points have no time."""
-        if self.time is None:
-            period = self.period or point_time_inference.USUAL_NS
+        if self.point_time is None:
+            period = self.period_ns or DEFAULT_MAX_SCAN_NS
             return -period, period
         return dt.min(), dt.max()
 
@@ -34,32 +39,28 @@ class Layout:
 
     @classmethod
     def from_dict(cls, d):
-        time, ring = d["time"], d["ring"]
-        ring = ring and ring | {"elevation_deg": tuple(ring["elevation_deg"])}
-        return cls(
-            time and point_time_inference.Time(**time),
-            ring and beam_inference.Ring(**ring),
-            d["period"],
-        )
+        time, beams = d["point_time"], d["beams"]
+        beams = beams and beams | {"elevation_deg": tuple(beams["elevation_deg"])}
+        return cls(time and PointTime(**time), beams and BeamSource(**beams), d["period_ns"])
 
 
-def infer(samples, period, asked):
+def infer_cloud_layout(samples, period_ns, point_time_config):
     """(Layout, words on {time, ring}, status) of a lidar from a few clouds (times.infer).
 
-    period: from stamp to stamp, ns, 0 if unknown. The status fails where the rig's point_time,
+    period_ns: from stamp to stamp, ns, 0 if unknown. The status fails where the rig's point_time,
     asked, names what the clouds do not have.
     """
-    period = int(period) if period <= LONGEST_NS else 0
-    time, told = point_time_inference.infer(samples, period, asked)
-    ring, beams = beam_inference.infer([c for c, _ in samples])
+    period_ns = int(period_ns) if period_ns <= MAX_SCAN_PERIOD_NS else 0
+    time, told = infer_point_time(samples, period_ns, point_time_config)
+    ring, beams = infer_beams([c for c, _ in samples])
     status = OK
-    if time is None and asked:
-        status = failed(
+    if time is None and point_time_config:
+        status = failure_status(
             "point_time does not fit the clouds",
             told,
-            ", ".join(f"{k} {v}" for k, v in sorted(asked.items())),
+            ", ".join(f"{k} {v}" for k, v in sorted(point_time_config.items())),
             "Correct point_time in the rig, or leave it out: it is inferred then.",
         )
     if time is None:
-        told = f"no time of points ({told}): {UNTIMED}"
-    return Layout(time, ring, period), {"time": told, "ring": beams}, status
+        told = f"no time of points ({told}): {NO_POINT_TIME_TEXT}"
+    return CloudLayout(time, ring, period_ns), {"time": told, "ring": beams}, status

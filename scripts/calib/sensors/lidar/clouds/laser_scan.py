@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from calib.io.logs import message_headers
-from calib.sensors.lidar.clouds import raw_cloud
+from calib.io.logs.message_headers import header_stamp_ns
+from calib.sensors.lidar.clouds.raw_cloud import make_raw_cloud
 
 
 def read(message):
@@ -21,4 +21,4 @@ def read(message):
     }
     if message.time_increment:
         fields["time_increment"] = message.time_increment * np.arange(n)
-    return raw_cloud.of(message_headers.stamp_ns(message), fields, (1, n))
+    return make_raw_cloud(header_stamp_ns(message), fields, (1, n))

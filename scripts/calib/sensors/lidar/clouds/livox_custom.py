@@ -2,16 +2,22 @@
 
 import numpy as np
 
-from calib.io.logs import message_headers
-from calib.sensors.lidar.clouds import raw_cloud
+from calib.io.logs.message_headers import header_stamp_ns
+from calib.sensors.lidar.clouds.raw_cloud import make_raw_cloud
 
-FIELDS = {"x": "f4", "y": "f4", "z": "f4", "line": "u1", "offset_time": "i8"}  # of a point
+LIVOX_POINT_DTYPES = {
+    "x": "f4",
+    "y": "f4",
+    "z": "f4",
+    "line": "u1",
+    "offset_time": "i8",
+}  # of a point
 
 
 def read(message):
     """Raw of all points (logs.structures); offset_time is on the clock of the time base, ns."""
     n = len(message.points)
-    fields = {k: message.points[k].astype(t) for k, t in FIELDS.items()}
+    fields = {k: message.points[k].astype(t) for k, t in LIVOX_POINT_DTYPES.items()}
     # Hostile values wrap around and are found too far from the stamp.
     fields["offset_time"] += np.uint64(message.timebase).astype(np.int64)
-    return raw_cloud.of(message_headers.stamp_ns(message), fields, (1, n))
+    return make_raw_cloud(header_stamp_ns(message), fields, (1, n))

@@ -2,32 +2,32 @@
 
 import numpy as np
 
-from calib.io.logs import message_headers
+from calib.io.logs.message_headers import header_stamp_ns
 from calib.io.status import MessageError
-from calib.sensors.lidar.clouds import raw_cloud
+from calib.sensors.lidar.clouds.raw_cloud import make_raw_cloud
 
-MOST_STEP = 1 << 16  # bytes of a point
-TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+MAX_POINT_BYTES = 1 << 16  # bytes of a point
+POINT_FIELD_DTYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
 
 def read(message):
     """Raw of all beams. Raises MessageError where x, y, z or the points themselves are missing."""
     order = ">" if message.is_bigendian else "<"
-    fields = [(f.name, f.offset, TYPES.get(f.datatype)) for f in message.fields]
-    dtype = layout(fields, order, message.point_step)
+    fields = [(f.name, f.offset, POINT_FIELD_DTYPES.get(f.datatype)) for f in message.fields]
+    dtype = make_point_dtype(fields, order, message.point_step)
     shape = message.height, message.width
-    points = rows(message.data, *shape, message.point_step, message.row_step).view(dtype)[:, 0]
-    return raw_cloud.of(
-        message_headers.stamp_ns(message), {n: points[n] for n in dtype.names}, shape
-    )
+    points = unpad_cloud_rows(message.data, *shape, message.point_step, message.row_step).view(
+        dtype
+    )[:, 0]
+    return make_raw_cloud(header_stamp_ns(message), {n: points[n] for n in dtype.names}, shape)
 
 
-def layout(fields, order, step):
+def make_point_dtype(fields, order, step):
     """dtype of points of step bytes with fields [(name, offset, format or None if unknown)].
 
     What cannot be read is left out, for it may never be wanted; only x, y, z must be there.
     """
-    if step > MOST_STEP:
+    if step > MAX_POINT_BYTES:
         raise MessageError(f"a cloud of points of {step} bytes; the message is damaged")
     known = {}
     for name, offset, kind in fields:
@@ -49,7 +49,7 @@ def layout(fields, order, step):
     )
 
 
-def rows(data, height, width, step, row_step):
+def unpad_cloud_rows(data, height, width, step, row_step):
     """(height * width, step) uint8 of an organised cloud without the padding of its rows.
 
     Some drivers leave row_step at zero: rows then follow each other.
