@@ -31,7 +31,7 @@ benchmark-quick: .venv/.installed ## the same with the fewest placements, to the
 	.venv/bin/python scripts/benchmark.py benchmark --quick
 
 faults: .venv/.installed ## measure what faults of recordings come to into docs/faults.md
-	PYTHONPATH=scripts OMP_NUM_THREADS=1 .venv/bin/python tests/fault_table.py faults
+	PYTHONPATH=scripts:tests OMP_NUM_THREADS=1 .venv/bin/python -m helpers.fault_catalog.fault_table faults
 
 lock: .venv/.installed ## resolve requirements.in into requirements.txt (UPGRADE=--upgrade: newest versions)
 	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes \

@@ -17,7 +17,10 @@ from pathlib import Path
 import yaml
 
 from benchmarking.accuracy.accuracy_cases import list_accuracy_cases
-from benchmarking.accuracy.collect_results import (
+from benchmarking.accuracy.draw_statistics import compute_run_statistics
+from benchmarking.accuracy.error_metrics import summarize_outcomes
+from benchmarking.accuracy.parallel_draws import plan_draw_tasks, run_all_draws
+from benchmarking.accuracy.result_collection import (
     collect_full_runs,
     collect_outcomes,
     find_log_file,
@@ -26,9 +29,6 @@ from benchmarking.accuracy.collect_results import (
     read_job_logs,
     read_simulated_config,
 )
-from benchmarking.accuracy.draw_statistics import compute_run_statistics
-from benchmarking.accuracy.error_metrics import summarize_outcomes
-from benchmarking.accuracy.parallel_draws import plan_draw_tasks, run_all_draws
 from benchmarking.accuracy.simulation_plan import (
     SPEED_FOLDER,
     SPEED_RIG,
@@ -47,8 +47,8 @@ from benchmarking.accuracy.simulation_plan import (
 )
 from benchmarking.decode_cost.decode_cost import build_decode_section, measure_decode_costs
 from benchmarking.decode_cost.process_cost import RunSpeed, parse_stage_costs, time_raw_read
+from benchmarking.fuzzing.case_runner import run_fuzz_campaign
 from benchmarking.fuzzing.fuzzing_page import build_fuzz_section
-from benchmarking.fuzzing.run_cases import run_fuzz_campaign
 from benchmarking.lab_faults.lab_faults import (
     LAB_FAULTS,
     QUICK_FAULTS,

@@ -12,7 +12,7 @@ from plotly.offline import get_plotlyjs
 
 from calib.io.atomic_files import write_file
 from calib.io.stage_cli import logger, make_argument_parser, run_stage
-from calib.report.data.load_run import read_report_run
+from calib.report.data.run_loader import read_report_run
 from calib.report.figures.correlation_figure import draw_correlation_matrix
 from calib.report.figures.coverage_figures import draw_view_coverage
 from calib.report.figures.cross_validation_figures import (

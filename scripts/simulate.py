@@ -24,14 +24,14 @@ from pathlib import Path
 
 import numpy as np
 
-from simulation import record_session
+from simulation import session_recording
 from simulation.config_and_truth import simulated_log_path, write_simulated_config, write_truth
-from simulation.draw_placements import draw_placements
-from simulation.record_session import SessionTruth, generate_messages, mcs_time_span
+from simulation.placement_sampling import draw_placements
 from simulation.ros_log import write_simulated_mcap
 from simulation.sensor_mounts import build_rig, bump_last_sensor, draw_displacement, perturb_pose
 from simulation.sensors.camera_exposure import IMAGE_ENCODERS
 from simulation.sensors.mocap_errors import draw_label_swaps
+from simulation.session_recording import SessionTruth, generate_messages, mcs_time_span
 from simulation.simulated_rigs import (
     COMPRESSED_ENCODINGS,
     LIDAR_CHOICES,
@@ -163,7 +163,7 @@ def _draw_session(args, rig, layouts, target_mounts, session_number, session_nam
         k: sigma * rng[BIAS_SEED].standard_normal((args.placements, 6))
         for k in drawn.placement_poses
     }
-    bodies = [record_session.ROBOT_BODY, *(SIMULATED_TARGETS[k]["body"] for k in args.targets)]
+    bodies = [session_recording.ROBOT_BODY, *(SIMULATED_TARGETS[k]["body"] for k in args.targets)]
     swaps = draw_label_swaps(rng[SWAP_SEED], args.label_swaps, bodies, *mcs_time_span(times))
     world = build_scene(args.targets, args.target_scale)
     anew = (args.remount_m, args.remount_deg) if session_number else (0.0, 0.0)

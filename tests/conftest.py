@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from runs import SMALL_ARGUMENTS, run_to_completion, simulate_into
+from helpers.small_run import SMALL_ARGUMENTS, run_to_completion, simulate_into
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ import numpy as np
 import yaml
 
 from calib.geometry.se3 import pose_to_quat, pose_to_rpy
-from simulation import record_session
-from simulation.record_session import topic_namespace
+from simulation import session_recording
+from simulation.session_recording import topic_namespace
 from simulation.simulated_rigs import CONFIG_BY_RIG
 from simulation.world.room_scene import SIMULATED_TARGETS
 
@@ -30,7 +30,7 @@ def make_rig_config(rig, guesses, args):
     )
     mocap = {
         "topics": ["/tf"],
-        "map": record_session.MAP_FRAME,
+        "map": session_recording.MAP_FRAME,
         "pose_sigma": _sigma_json(xyz_m, rpy_deg),
         "pose_bias_sigma": bias,
     }
@@ -50,7 +50,12 @@ def make_rig_config(rig, guesses, args):
         name: {"xyz_m": _float_list(T[:3, 3]), "quat_xyzw": _float_list(pose_to_quat(T))}
         for name, T in rig.T_robot_sensor.items()
     }
-    return {"body": record_session.ROBOT_BODY, "mocap": mocap, "sensors": sensors, "truth": truth}
+    return {
+        "body": session_recording.ROBOT_BODY,
+        "mocap": mocap,
+        "sensors": sensors,
+        "truth": truth,
+    }
 
 
 def _lidar_config(spec, args):

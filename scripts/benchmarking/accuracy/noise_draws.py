@@ -21,10 +21,10 @@ from calib.mocap.body_trajectory import Trajectory, relative_trajectory
 from calib.sensors.camera.images.image_messages import decode_png, encode_png
 from extract import make_extraction_context
 from gate import average_still_pose
-from simulation.record_session import mcs_time_span
 from simulation.sensors.camera_exposure import digitize_image
+from simulation.sensors.lidar_scanner import scan_scene
 from simulation.sensors.mocap_errors import MCS_PERIOD_NS, measure_body_poses
-from simulation.sensors.scan_scene import scan_scene
+from simulation.session_recording import mcs_time_span
 
 DRAW_TOLERANCE = {
     "tolerance_m": 1e-7,

@@ -16,10 +16,10 @@ from calib.targets.target_shapes import target_from_config
 from calib.views.windows import is_in_view_cone
 from simulate import draw_sessions, parse_simulation_arguments
 from simulation.config_and_truth import make_rig_config, make_target_config
-from simulation.record_session import SessionTruth, render_session_image
 from simulation.sensors.camera_exposure import Shutter
-from simulation.sensors.render_image import compute_ray_grid
+from simulation.sensors.image_renderer import compute_ray_grid
 from simulation.sensors.scan_patterns import Firing
+from simulation.session_recording import SessionTruth, render_session_image
 
 NOISE_ARGUMENT_NAMES = ("range_noise_m", "image_noise", "mcs_noise_m", "mcs_noise_deg")
 VIEW_SCHEMAS = {"camera": CAMERA_VIEWS_SCHEMA, "lidar": LIDAR_VIEWS_SCHEMA}

@@ -2,8 +2,8 @@
 
 from collections import Counter
 
-from benchmarking.fuzzing import run_cases
-from benchmarking.fuzzing.run_cases import CASE_ENDS, CASE_KINDS
+from benchmarking.fuzzing import case_runner
+from benchmarking.fuzzing.case_runner import CASE_ENDS, CASE_KINDS
 from benchmarking.fuzzing.small_recordings import FUZZ_CONTAINERS
 from benchmarking.page.markdown import PageSection, format_markdown_table
 
@@ -36,7 +36,7 @@ def build_fuzz_section(outcomes):
         count=len(outcomes),
         containers=len(FUZZ_CONTAINERS),
         table=format_markdown_table(("input", "cases", *CASE_ENDS), rows),
-        most=run_cases.MAX_CASE_SECONDS,
+        most=case_runner.MAX_CASE_SECONDS,
         slowest=max(o.seconds for o in outcomes),
         memory=max(o.peak_memory_mb for o in outcomes),
     )

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from simulation.sensors.render_image import FINE_POINTS_PER_PIXEL
+from simulation.sensors.image_renderer import FINE_POINTS_PER_PIXEL
 from simulation.world.smooth_motion import find_motion_progress
 
 BGR_TO_GREY = np.array([0.114, 0.587, 0.299])  # of B, G, R

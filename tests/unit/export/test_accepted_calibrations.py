@@ -1,0 +1,187 @@
+"""Accepted calibrations: each once, in order, whole or not at all; and the page of all rigs."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+
+import export
+import index
+from calib.export.accepted_calibrations import (
+    accept_calibration,
+    read_accepted_calibrations,
+    read_earlier_calibrations,
+)
+from calib.geometry.se3 import se3_exp
+from calib.io.pose_block import pose_json
+from calib.io.stage_cli import write_json
+from calib.io.status import InputError
+from helpers.report_inputs import (
+    REPORT_TEMPLATES,
+    SENSOR_CONFIGS,
+    T_ROBOT_SENSOR,
+    extract_page_text,
+    make_calibration_json,
+    make_log_audit,
+    remove_plotly,
+)
+
+A, B, C = ({"rig": "robo", "n": n} for n in "abc")
+
+
+def test_what_is_accepted_again_adds_nothing(tmp_path):
+    first = accept_calibration(tmp_path, A)
+    assert accept_calibration(tmp_path, copy.deepcopy(A)) == first
+    assert [p.name for p in tmp_path.iterdir()] == [f"{first}.json"]
+
+
+def test_the_order_is_that_in_which_they_were_accepted_also_of_one_that_comes_back(tmp_path):
+    names = [accept_calibration(tmp_path, c) for c in (A, B, C, A)]
+    found = read_accepted_calibrations(tmp_path)
+    assert [n for n, _ in found] == names and [c["n"] for _, c in found] == list("abca")
+    assert len(set(names)) == 4
+
+
+def test_names_depend_on_the_content_alone(tmp_path):
+    one, other = tmp_path / "one", tmp_path / "other"
+    assert [accept_calibration(one, c) for c in (A, B)] == [
+        accept_calibration(other, c) for c in (A, B)
+    ]
+
+
+def test_before_is_the_same_whether_or_not_the_calibration_was_accepted_by_then(tmp_path):
+    accept_calibration(tmp_path, A)
+    early = read_earlier_calibrations(tmp_path, B)
+    accept_calibration(tmp_path, B)
+    assert (
+        read_earlier_calibrations(tmp_path, B) == early == read_accepted_calibrations(tmp_path)[:1]
+    )
+
+
+def test_a_folder_without_history_has_none(tmp_path):
+    assert (
+        read_accepted_calibrations(tmp_path / "no")
+        == read_earlier_calibrations(tmp_path / "no", A)
+        == []
+    )
+
+
+def test_a_changed_entry_is_refused(tmp_path):
+    name = accept_calibration(tmp_path, A)
+    (tmp_path / f"{name}.json").write_text("{}")
+    with pytest.raises(InputError, match=f"{name}.json is not as it was written"):
+        read_accepted_calibrations(tmp_path)
+
+
+def test_an_entry_whose_forerunner_is_gone_is_refused(tmp_path):
+    first, _ = (accept_calibration(tmp_path, c) for c in (A, B))
+    (tmp_path / f"{first}.json").unlink()
+    with pytest.raises(InputError, match=f"follows {first}.json, which is gone"):
+        accept_calibration(tmp_path, C)
+
+
+def test_what_was_begun_and_never_ended_is_no_entry(tmp_path):
+    accept_calibration(tmp_path, A)
+    (tmp_path / ".0123456789abcdef").write_text('{"previous"')
+    assert len(read_accepted_calibrations(tmp_path)) == 1
+
+
+def results(folder, name, level="pass", moved=0.0, repeatability=()):
+    """A rig's results: both sensors, the left one moved along its x axis by so many m."""
+    calibration = make_calibration_json() | {"rig": name, "verdict": level}
+    there = T_ROBOT_SENSOR["left"] @ se3_exp(np.array([moved, 0, 0, 0, 0, 0]))
+    calibration["sensors"]["left"]["T_robot_sensor"] = pose_json(there)
+    calibration["repeatability"] = list(repeatability)
+    reason = f"left: <{level}>"
+    judged = {"verdict": level, "reasons": [] if level == "pass" else [reason], "findings": []}
+    judged |= {"sensors": dict.fromkeys(SENSOR_CONFIGS, level), "limits": {}}
+    home = folder / "results" / name
+    (home / "s1").mkdir(parents=True, exist_ok=True)
+    write_json(home / "calibration.json", calibration)
+    write_json(home / "verdict.json", judged)
+    write_json(home / "s1/log.json", make_log_audit())
+    return home
+
+
+def exported(home):
+    """Run export on a rig's results."""
+    options = {"export": {"parent": "", "max_views": 1, "body_frames": {}}, "body": "mcs/robot"}
+    options |= {"sensors": SENSOR_CONFIGS, "targets": {}, "sessions": {}}
+    files = {"calibration": "calibration.json", "verdict": "verdict.json"}
+    files |= {"output": "export", "history": "history"}
+    paths = [a for k, v in files.items() for a in (f"--{k}", str(home / v))]
+    paths += ["--frames", "--placements", "--guesses", "--views", "--urdf"]
+    export.main([*paths, "--options", json.dumps(options)])
+
+
+def page(folder, **stopped):
+    """results/index.html of all rigs there, and of those that stopped."""
+    names = sorted({p.name for p in (folder / "results").iterdir() if p.is_dir()} | set(stopped))
+    rigs = {n: {"sessions": ["s1"], "stopped": stopped.get(n, [])} for n in names}
+    out = folder / "results/index.html"
+    templates = [str(p) for p in REPORT_TEMPLATES if p.suffix in (".j2", ".css", ".js")]
+    arguments = ["--results", str(folder / "results"), "--output", str(out), "--templates"]
+    index.main([*arguments, *templates, "--options", json.dumps({"rigs": rigs})])
+    return out.read_text()
+
+
+def test_drift_is_told_against_the_calibration_that_was_accepted_before(tmp_path):
+    """3 mm along an axis of σ 1 mm, both poses unsure: √(9 / 2 / 6) = 0.87 σ."""
+    exported(results(tmp_path, "robo"))
+    home = results(tmp_path, "robo", moved=0.003)
+    early = page(tmp_path)
+    assert "left camera PASS 3 0.017 3 0 0.87 – –" in extract_page_text(early)
+    exported(home)
+    assert page(tmp_path).replace('<a href="robo/export">export</a> · ', "") == early.replace(
+        '<a href="robo/export">export</a> · ', ""
+    )
+
+
+def test_a_failed_calibration_is_compared_with_the_last_accepted_and_not_kept(tmp_path):
+    exported(results(tmp_path, "robo"))
+    home = results(tmp_path, "robo", level="fail", moved=0.05)
+    with pytest.raises(InputError):
+        exported(home)
+    assert len(list((home / "history").iterdir())) == 1
+    text = page(tmp_path)
+    assert "left camera FAIL 3 0.017 50 0 14" in extract_page_text(text)
+    assert "left: &lt;fail&gt;" in text
+
+
+def test_without_an_accepted_calibration_there_is_no_drift(tmp_path):
+    results(tmp_path, "robo")
+    said = extract_page_text(page(tmp_path))
+    assert "No calibration was accepted before this one" in said
+    assert "left camera PASS 3 0.017 – – – – –" in said
+
+
+def test_repeatability_is_the_scatter_of_sessions_by_themselves(tmp_path):
+    row = {"session": "s1", "sensor": "left", "others": 1, "chance": 0.5, "sigma": [1e-3] * 6}
+    rows = [row | {"shift": [0.003, 0.004, 0, 0, 0, s * 1e-3]} for s in (1, -1)]
+    results(tmp_path, "robo", repeatability=rows)
+    assert "left camera PASS 3 0.017 – – – 5 0.057" in extract_page_text(page(tmp_path))
+
+
+def test_a_rig_that_stopped_is_there_with_what_stopped_it_beside_the_healthy(tmp_path):
+    results(tmp_path, "robo")
+    said = extract_page_text(page(tmp_path, husky=["results/husky/s/decode.log: no such <log>"]))
+    assert "husky FAIL results/husky/s/decode.log: no such &lt;log&gt;" in said
+    assert "robo PASS Every limit is kept. 2 1 0" in said
+
+
+def test_a_spoilt_history_is_told_on_the_page(tmp_path):
+    home = results(tmp_path, "robo")
+    exported(home)
+    (entry,) = (home / "history").iterdir()
+    entry.write_text("{}")
+    assert "is not as it was written" in extract_page_text(page(tmp_path))
+
+
+def test_links_lead_to_what_is_there(tmp_path):
+    home = results(tmp_path, "robo")
+    (home / "report.html").write_text("")
+    text = remove_plotly(page(tmp_path))
+    assert '<a href="robo/report.html">report</a>' in text
+    assert "report.pdf" not in text
+    assert "http" not in text

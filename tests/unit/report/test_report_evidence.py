@@ -1,0 +1,171 @@
+"""What the report tells beside the poses: levels, residuals, unknowns, suspicions."""
+
+import numpy as np
+import pytest
+
+from calib.geometry.se3 import pose_from_rpy
+from calib.io.config import validate_and_complete
+from calib.io.pose_block import pose_json
+from calib.report.sections import verdict_summary
+from calib.report.sections.residual_tables import KIND_DESCRIPTIONS, printed_unit
+from calib.report.sections.verdict_summary import list_limit_checks
+from calib.verdict.findings import level_by_limits
+from calib.verdict.rig_verdict import sensor_findings, sigma_findings
+from helpers.report_inputs import (
+    LEAVE_ONE_OUT_JSON,
+    POSE_SIGMA,
+    VERDICT_LIMITS,
+    extract_page_text,
+    extract_section,
+    make_sensor_result,
+)
+
+
+def test_estimated_unknowns_are_told(report_files, skip_figures):
+    report_files.calibration["sensors"]["left"]["time_offset_s"] = {"value": 0.025, "sigma": 0.0002}
+    report_files.calibration["sensors"]["left"]["clock"] = "from 25 views of targets in motion"
+    report_files.calibration["sensors"]["top"]["clock"] = "not observable: no relative motion"
+    drift = {"value": 200.0, "sigma": 20.0}
+    wander = {"time_offset_s": {"value": 0.026, "sigma": 0.0003}, "drift_ppm": drift}
+    report_files.calibration["sensors"]["left"]["time_wander"] = {"s1": wander}
+    report_files.calibration["targets"]["board"] = {
+        "T_body_target": pose_json(pose_from_rpy([0.006, 0, 0], [0, 0, np.radians(1)])),
+        "covariance": np.diag(POSE_SIGMA**2).tolist(),
+        "shift": [0.006, 0, 0, 0, 0, np.radians(1)],
+        "prior": (POSE_SIGMA * [2, 4, 4, 4, 4, 1.05]).tolist(),
+        "open": ["its turn about z"],
+    }
+    T = pose_json(pose_from_rpy([0.03, 0, 0], [0, 0, 0]))
+    markers = {"T_robot_markers": T, "covariance": np.diag(POSE_SIGMA**2).tolist()}
+    report_files.calibration["sessions"]["s1"] = markers
+    said = extract_page_text(report_files.render_report())
+    assert "robot markers in s1, in R x 30.0 ± 1.0 mm" in said
+    assert "time offset of left 25.000 ± 0.2 ms, from 25 views of targets in motion" in said
+    assert "clock of left in s1 26.000 ± 0.3 ms in its middle, drift 200 ± 20 ppm" in said
+    assert "time offset of top not observable: no relative motion" in said
+    assert "alignment of board in its MCS body x 6.0 ± 1.0 mm" in said
+    assert "yaw 1.0000 ± 0.0172 °; σ is 0.25 to 0.95 of its prior" in said
+    assert "nothing tells its turn about z; tilt it to more sides" in said
+
+
+def test_what_all_beams_may_be_off_by_is_told_where_single_ones_were_found_to_be_off(
+    report_files, skip_figures
+):
+    """Sixteen beams of 4 mm rms in all directions of their basis leave 4 / √17 mm in common."""
+    theta = [0.004, -0.004] * 8
+    beams = {"name": "beams", "text": "beam 3 is longer", "remedy": "", "estimate": theta}
+    beams |= {"sigma": [1e-4] * 16, "prior": [0.02] * 16}
+    report_files.calibration["sensors"]["top"]["corrections"] = [beams]
+    assert "ranges of top, all together 0 ± 0.97 mm, not estimated" in extract_page_text(
+        report_files.render_report()
+    )
+    bias = beams | {"name": "range_bias", "estimate": [0.001]}
+    report_files.calibration["sensors"]["top"]["corrections"].append(bias)
+    assert "ranges of top, all together" not in extract_page_text(report_files.render_report())
+
+
+def test_every_session_stands_beside_the_others(report_files, skip_figures):
+    row = {"session": "s1", "sensor": "left", "others": 1, "chance": 1e-9}
+    shift, sigma = [0.003, 0, 0.004, 0, 0, 0.01], [0.0001] * 3 + [0.001] * 3
+    report_files.calibration["repeatability"] = [row | {"shift": shift, "sigma": sigma}]
+    assert "s1 left 5 0.17 0.57 0.099" in extract_page_text(report_files.render_report())
+
+
+def test_levels_agree_with_the_judge():
+    limits = validate_and_complete("config", {"sessions": {"s": {"rig": "r", "log": "x"}}}, "x")[
+        "judge"
+    ]
+    told = {"tilt": {}, "fit": {}, "advice": "", "correction": None}
+    for sigma in (0.001, 0.006, 0.03):
+        sensor = make_sensor_result("top") | {"covariance": (np.eye(6) * sigma**2).tolist()} | told
+        sensor |= {
+            "rejected": 0.3,
+            "placements": 2,
+            "held_out": LEAVE_ONE_OUT_JSON | {"ratio": 3.0},
+        }
+        cells = {
+            key: verdict_summary._check_level(value, limits, key, large)
+            for _, _, key, _, value, large in list_limit_checks(sensor)
+        }
+        found = sensor_findings("top", sensor, limits)
+        found += sigma_findings("top", sensor, limits, has_misfit=True)
+        assert {k: v for k, v in cells.items() if v != "pass"} == {
+            f["check"]: f["level"] for f in found
+        }
+
+
+@pytest.mark.parametrize("large_is_bad", [True, False])
+def test_a_value_that_is_no_number_fails_for_judge_and_report_alike(large_is_bad):
+    key = "sigma_m" if large_is_bad else "placements"
+    assert level_by_limits(np.nan, VERDICT_LIMITS, key, large_is_bad) == "fail"
+    assert verdict_summary._check_level(np.nan, VERDICT_LIMITS, key, large_is_bad) == "fail"
+
+
+@pytest.mark.parametrize(
+    ("sensor", "kind", "signed", "unit"),
+    [
+        ("left", "cylinder_limb", True, "px"),
+        ("left", "template_silhouette", True, "px"),
+        ("top", "template_point", False, "mm"),
+        ("top", "template_vertex", False, "mm"),
+        ("top", "board_outline", True, "°"),
+    ],
+)
+def test_every_kind_of_measurement_is_shown(report_files, skip_figures, sensor, kind, signed, unit):
+    rows = report_files.residuals["sensor"] == sensor
+    report_files.residuals["kind"] = np.where(rows, kind, report_files.residuals["kind"])
+    if kind == "cylinder_limb":
+        report_files.residuals["value"][rows, 1] = 0
+    if not signed:
+        report_files.residuals["value"][rows] = np.abs(report_files.residuals["value"][rows])
+        report_files.residuals["cos_incidence"][rows] = 0.0
+    report_files.calibration["noise"]["sensors"][sensor] = {kind: 0.01}
+    page = report_files.render_report()
+    assert f"Residuals of {sensor} {kind} over sigma" in page
+    assert f">{kind}<small>{KIND_DESCRIPTIONS[kind]}" in page
+    assert printed_unit(kind)[0] == unit
+    assert (
+        "which are never" in extract_page_text(page) or "never negative" in extract_page_text(page)
+    ) != signed
+
+
+def test_what_did_not_pass_comes_with_what_to_do(report_files, skip_figures):
+    """Each remedy once, with the sensors that it is for."""
+    one = {"check": "rejected", "level": "warn", "value": 0.3, "limit": 0.2, "text": "much"}
+    one |= {"remedy": "look at the overlays"}
+    report_files.findings = [one | {"sensor": n, "sensors": [n]} for n in ("left", "top")]
+    page = report_files.render_report()
+    said = extract_page_text(page)
+    assert "Do Look at the overlays." in said
+    assert extract_section(page, "diagnostics").count("look at the overlays") == 2
+    assert "1.5 × the limit" in extract_section(page, "diagnostics")
+
+
+def test_suspicions_are_told_with_rivals_effect_and_remedy(report_files, skip_figures):
+    rival = {"name": "frame", "of": "board", "text": "it is off", "remedy": "so", "gain": 9.0}
+    rival |= {"estimate": [0.001], "sigma": [0.0001]}
+    report_files.calibration["suspicions"] = [
+        {
+            "name": "squares",
+            "of": "board",
+            "text": "the squares are larger",
+            "remedy": "measure them",
+            "estimate": [0.02],
+            "sigma": [0.001],
+            "gain": 30.0,
+            "chance": 1e-14,
+            "explained": {"left/corner": 0.4, "mocap": 0.01},
+            "shift": {"left": {"m": 0.0123, "rad": 0.001, "sigmas": 9.0}},
+            "rivals": [rival],
+        }
+    ]
+    said = extract_page_text(report_files.render_report())
+    assert "the squares are larger or it is off To do: measure them." in said
+    assert "left 12 mm, 0.057° (9 σ) 40 % of left/corner" in said
+
+
+def test_placements_left_out_and_measurements_left_out_are_counted(report_files, skip_figures):
+    said = extract_page_text(report_files.render_report())
+    assert "left 2 2 0.57 1.1 3.7 0.021 1 (board) cannot be spared; 0 (board) 1.4 σ" in said
+    assert "board corner 70 7 (10 %) before the surface" in said
+    assert "σ against the number of placements" in said

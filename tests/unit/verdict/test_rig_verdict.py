@@ -1,0 +1,278 @@
+"""The verdict: which limits hold, what is said, what is advised, and in which order."""
+
+import copy
+import re
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.solution_json import solution_json
+from calib.diagnosis.suspected_errors import find_suspected_errors
+from calib.estimation.corrections.correction_catalog import list_corrections_and_shifts
+from calib.geometry.se3 import make_pose
+from calib.io.config import validate_and_complete
+from calib.io.status import OK
+from calib.verdict.findings import level_by_limits
+from calib.verdict.rig_verdict import rig_findings
+from helpers.synthetic_setup import (
+    SyntheticWorld,
+    make_synthetic_setup,
+    scale_focal_length,
+    scale_outline,
+    scale_pattern,
+    solve_synthetic_setup,
+)
+
+LIMITS = validate_and_complete("config", {"sessions": {"s": {"rig": "r", "log": "x"}}}, "x")[
+    "judge"
+]
+NO_OFFSET = {"time_offset_s": {"value": 0.0, "sigma": 0.05}}
+GUESS = {"frame": "f", "T_robot_sensor": None, "sigma": [1] * 6, "source": "config"} | NO_OFFSET
+KINDS = {"camera": {"kind": "camera"}, "lidar": {"kind": "lidar"}}
+OFF = make_pose(None, [0.01, 0.0, 0.0])
+MIXED = [("board", None)] * 7 + [("cylinder", None)] * 3
+DIVERSE = ([0, 0, 1], [0, 1, 0], [0, 1, 1], [0.3, 1, -1], [0.3, -0.2, 1])
+
+
+def content(made):
+    """solution.json of a Setup."""
+    sensors = {n: KINDS[n] for n in made.models}
+    options = {"rig": "r", "sensors": sensors, "targets": {}, "sessions": ["s"]}
+    known = {name: (OK, GUESS) for name in sensors}
+    result = solve_synthetic_setup(made)
+    suspected = find_suspected_errors(made, result, list_corrections_and_shifts(made))
+    told = solution_json(made, result, suspected, known, options)
+    for sensor in told["sensors"].values():
+        sensor["next_view"] = None
+    return told | {"repeatability": []}
+
+
+def judged(made):
+    return rig_findings(content(made), LIMITS)
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return content(make_synthetic_setup(0, MIXED))
+
+
+def told(clean, change):
+    """Findings on a clean solution after a change of it."""
+    changed = copy.deepcopy(clean)
+    change(changed)
+    return rig_findings(changed, LIMITS)
+
+
+def test_a_clean_log_passes_with_nothing_to_say(clean):
+    assert rig_findings(clean, LIMITS) == ("pass", [], {"camera": "pass", "lidar": "pass"})
+
+
+WRONG = {
+    "squares 2 % larger": (SyntheticWorld(targets=scale_pattern(1.02)), "squares of board"),
+    "squares 5 % larger": (SyntheticWorld(targets=scale_pattern(1.05)), "squares of board"),
+    "focal length 1 % longer": (
+        SyntheticWorld(camera=scale_focal_length(1.01)),
+        "focal length of camera",
+    ),
+    "frame off by 1 cm": (SyntheticWorld(T_body_target={"board": OFF}), "board does not sit"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_size_lens_or_mount_does_not_pass_and_is_named_first(case):
+    world, words = WRONG[case]
+    level, found, _ = judged(make_synthetic_setup(0, MIXED, world))
+    assert level in ("warn", "fail")
+    assert found[0]["check"] == "suspicion" and words in found[0]["text"]
+    assert all("more placements" not in f["remedy"] for f in found)
+
+
+def test_an_outline_100_mm_too_long_does_not_pass_and_is_named():
+    """Crossings of two edges lie 50 mm inside the outline; told to better than 1 mm."""
+    _, found, levels = judged(
+        make_synthetic_setup(0, MIXED, SyntheticWorld(targets=scale_outline(0.9, 1.0)))
+    )
+    assert levels == {"camera": "pass", "lidar": "warn"}
+    assert found[0]["text"].startswith("probably the outline of board is not where outline_m puts")
+    said = re.findall(r"edge (\d) ([\d.]+) ± ([\d.]+) mm inside", found[0]["text"])
+    assert {edge for edge, _, _ in said} == {"2", "4"}
+    for _, off, sigma in said:
+        assert float(off) == pytest.approx(50, abs=3 * float(sigma)) and float(sigma) < 1
+    assert "measure the sides of board" in found[0]["remedy"]
+
+
+def test_cylinders_with_parallel_axes_fail_however_many_there_are():
+    level, found, _ = judged(make_synthetic_setup(0, [("cylinder", [0, 0, 1])] * 30))
+    assert level == "fail"
+    assert "the cylinders' common axis" in found[0]["text"]
+    assert "tilted by 30° or more" in found[0]["remedy"]
+
+
+def test_cylinders_that_are_parallel_to_2_degrees_fail_too():
+    """The slight tilt fixes the pose on paper, by what no model of the cylinder is true to."""
+    rng = np.random.default_rng(1)
+    axes = [[*rng.normal(0, np.radians(1), 2), 1.0] for _ in range(12)]
+    level, found, _ = judged(
+        make_synthetic_setup(0, [("cylinder", a) for a in axes], measurement_noise_factor=0.1)
+    )
+    assert level == "fail"
+    assert any(f["check"] == "tilt_deg" and "tilted by 30°" in f["remedy"] for f in found)
+
+
+def test_five_diverse_cylinders_pass():
+    assert judged(make_synthetic_setup(0, [("cylinder", axis) for axis in DIVERSE]))[0] == "pass"
+
+
+def test_a_large_sigma_with_a_good_fit_asks_for_views_and_says_how_many(clean):
+    def widen(s):
+        s["sensors"]["camera"]["covariance"] = np.diag([1e-4] * 3 + [1e-8] * 3).tolist()
+
+    level, found, levels = told(clean, widen)
+    assert (level, levels["camera"], levels["lidar"]) == ("warn", "warn", "pass")
+    (only,) = found
+    assert only["check"] == "sigma_m" and only["value"] == pytest.approx(0.01)
+    assert only["limit"] == LIMITS["warn_sigma_m"]
+    assert only["text"] == "camera: position σ 10 mm, warn above 5 mm"
+    assert "About 28 placements like the 7 so far would reach the limit." in only["remedy"]
+
+
+def test_a_large_sigma_with_a_bad_fit_does_not_ask_for_views(clean):
+    def spoil(s):
+        s["sensors"]["camera"]["covariance"] = np.diag([1e-4] * 3 + [1e-8] * 3).tolist()
+        s["sensors"]["camera"]["fit"]["pattern_corner"]["noise_factor"] = 12.0
+
+    _, found, _ = told(clean, spoil)
+    assert [f["check"] for f in found] == ["noise_factor", "sigma_m"]
+    assert "mend what else is wrong first" in found[1]["remedy"]
+
+
+SPOILED = {
+    "mocap_factor": (lambda s: s["noise"].update(mocap_factor=31.0), "fail", 31.0),
+    "rejected": (lambda s: s["sensors"]["lidar"].update(rejected=0.3), "warn", 0.3),
+    "placements": (lambda s: s["sensors"]["lidar"].update(placements=2), "fail", 2),
+    "correction_sigma": (lambda s: s["sensors"]["lidar"].update(correction=4.0), "warn", 4.0),
+    "heldout": (lambda s: s["sensors"]["lidar"]["held_out"].update(ratio=5.0), "fail", 5.0),
+    "beyond": (lambda s: s["sensors"]["lidar"]["fit"]["target_surface"].update(beyond=0.05), "warn", 0.05),
+    "whiteness": (
+        lambda s: s["sensors"]["lidar"]["fit"]["target_surface"].update(whiteness=20.0), "fail", 20.0
+    ),
+    "settled": (lambda s: s.update(settled=False), "warn", None),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("check", SPOILED)
+def test_every_limit_is_told_with_its_value_and_a_remedy(clean, check):
+    change, level, value = SPOILED[check]
+    overall, found, _ = told(clean, change)
+    assert overall == level
+    (only,) = found
+    assert (only["check"], only["level"], only["value"]) == (check, level, value)
+    assert only["remedy"]
+    if value is not None:
+        assert only["limit"] == LIMITS[f"{level}_{check}"]
+        assert f"{level} {'below' if check == 'placements' else 'above'}" in only["text"]
+
+
+def test_what_fails_comes_first_and_causes_before_effects(clean):
+    def spoil(s):
+        s["settled"] = False
+        s["noise"]["mocap_factor"] = 3.0
+        s["sensors"]["camera"]["covariance"] = np.diag([1e-2] * 3 + [1e-8] * 3).tolist()
+
+    _, found, _ = told(clean, spoil)
+    assert [f["check"] for f in found] == ["sigma_m", "mocap_factor", "settled"]
+
+
+def test_a_suspicion_that_moves_nothing_is_not_told(clean):
+    shift = {n: {"m": 1e-5, "rad": 1e-6, "sigmas": 0.5} for n in ("camera", "lidar")}
+    suspected = {"name": "squares", "of": "board", "text": "so", "remedy": "do", "gain": 50.0}
+    suspected |= {"chance": 1e-20, "explained": {"camera/corner": 0.5}, "rivals": []}
+    assert told(clean, lambda s: s["suspicions"].append(suspected | {"shift": shift}))[1] == []
+    far = shift | {"camera": {"m": 0.03, "rad": 0.0, "sigmas": 40.0}}
+    level, found, levels = told(clean, lambda s: s["suspicions"].append(suspected | {"shift": far}))
+    assert level == "fail" and levels == {"camera": "fail", "lidar": "pass"}
+    assert found[0]["text"] == "probably so: mending it would move camera by 30 mm and 0°"
+
+
+@pytest.mark.parametrize(("ms", "chance", "warned"), [(25, 1e-9, 1), (3, 1e-9, 0), (25, 1e-3, 0)])
+def test_a_clock_that_is_off_and_not_to_be_estimated_is_warned_of(clean, ms, chance, warned):
+    still = {n: {"m": 0.0, "rad": 0.0, "sigmas": 0.0} for n in ("camera", "lidar")}
+    about = {"name": "time_offset", "of": "camera", "text": "the stamps of camera are early"}
+    about |= {"remedy": "write it", "estimate": [ms / 1e3], "chance": chance, "shift": still}
+    _, found, levels = told(clean, lambda s: s["suspicions"].append(about))
+    assert levels["camera"] == ("warn" if warned else "pass")
+    if warned:
+        ((check, value, text),) = [(f["check"], f["value"], f["text"]) for f in found]
+        assert (check, value) == ("offset_s", 0.025)
+        assert "the stamps of camera are early, and solve.estimate.time_offset is false" in text
+
+
+def test_a_sensor_without_a_pose_fails_with_its_own_remedy(clean):
+    status = {"ok": False, "reason": "no view", "found": "", "expected": "", "remedy": "look"}
+    level, found, _ = told(
+        clean, lambda s: s["sensors"]["lidar"].update(status=status, covariance=None)
+    )
+    assert level == "fail"
+    assert (found[0]["text"], found[0]["remedy"]) == ("lidar: no view", "look")
+
+
+def test_a_value_that_is_no_number_fails():
+    assert level_by_limits(float("nan"), LIMITS, "sigma_m") == "fail"
+
+
+def moved(shift, prior=0.002, held=()):
+    """Findings of a rig whose board was estimated elsewhere than stated, by (6,), m and rad."""
+    made = make_synthetic_setup(0, MIXED)
+    told = content(made)
+    told["targets"] = {"board": {"shift": shift, "prior": [prior] * 3 + [0.005] * 3}}
+    told["targets"]["board"]["open"] = list(held)
+    return [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "alignment"]
+
+
+def test_a_board_estimated_6_mm_from_where_it_was_stated_to_2_mm_passes():
+    assert moved([0.0059, 0, 0, 0, 0, 0]) == []
+
+
+def test_what_nothing_tells_of_a_mount_is_named_with_what_to_record():
+    (found,) = moved([0.0] * 6, held=["its place along y"])
+    assert found["level"] == "warn"
+    assert "nothing tells where board sits in its body by its place along y" in found["text"]
+    assert found["remedy"].startswith("tilt board by 30° or more about two other axes")
+
+
+@pytest.mark.parametrize(("mm", "level"), [(10, "warn"), (25, "fail")])
+def test_a_board_estimated_farther_off_is_named_with_its_shift_and_what_to_write(mm, level):
+    (found,) = moved([0, mm / 1e3, 0, 0, 0, 0.003])
+    assert found["level"] == level
+    assert f"board sits {mm} mm and 0.17° from where T_body_target says" in found["text"]
+    assert "write T_body_target of board" in found["remedy"]
+
+
+@pytest.mark.parametrize(("offset", "level"), [(0.05, []), (0.2, ["warn"]), (-0.6, ["fail"])])
+def test_a_clock_far_from_its_first_guess_is_told_with_what_to_write(clean, offset, level):
+    late = copy.deepcopy(clean)
+    late["sensors"]["lidar"]["time_offset_s"] = {"value": offset, "sigma": 1e-4}
+    found = [f for f in rig_findings(late, LIMITS)[1] if f["check"] == "offset_s"]
+    assert [f["level"] for f in found] == level
+    assert all(f"write sensors.lidar.time_offset_s: {offset:.4f}" in f["remedy"] for f in found)
+
+
+@pytest.mark.parametrize(("mm", "level"), [(0.1, []), (3.0, ["warn"]), (30.0, ["fail"])])
+def test_a_sensor_that_moved_between_sessions_is_called_by_name(clean, mm, level):
+    told = copy.deepcopy(clean)
+    row = {"sensor": "camera", "sigma": [1e-5] * 6, "others": 1, "chance": 1e-30}
+    told["repeatability"] = [
+        row | {"session": s, "shift": [sign * mm / 1e3, 0, 0, 0, 0, 0]}
+        for s, sign in (("evening", 1), ("morning", -1))
+    ]
+    found = [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "moved"]
+    assert [f["level"] for f in found] == level
+    assert all(f"camera sits {mm:.2g} mm and 0° elsewhere in session" in f["text"] for f in found)
+    assert all(f["sensors"] == ["camera"] for f in found)
+
+
+def test_sessions_that_differ_by_chance_are_none_of_the_verdict(clean):
+    told = copy.deepcopy(clean)
+    row = {"sensor": "camera", "session": "evening", "sigma": [1e-3] * 6, "others": 1}
+    told["repeatability"] = [row | {"chance": 0.01, "shift": [0.003, 0, 0, 0, 0, 0]}]
+    assert not [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "moved"]
