@@ -16,6 +16,7 @@ from calib.estimation.measurement_groups import make_still_placements
 from calib.estimation.moving_view_poses import make_moving_placement
 from calib.extraction.extraction_inputs import ExtractionContext
 from calib.extraction.extractor_registry import KEYPOINT_EXTRACTORS, extract_views_at_pose
+from calib.geometry.units import NS_PER_S
 from calib.io.parquet_tables import empty_columns, read_table, write_table
 from calib.io.stage_cli import (
     limit_opencv_threads,
@@ -32,7 +33,7 @@ from calib.io.table_schemas import (
     MOCAP_SCHEMA,
     PLACEMENTS_SCHEMA,
 )
-from calib.mocap.body_trajectory import NS_PER_S, target_trajectories
+from calib.mocap.body_trajectory import target_trajectories
 from calib.sensors.sensor_models import sensor_model_from_config, with_log_metadata
 from calib.targets.target_shapes import target_from_config
 from calib.views.frame_selection import mounts_from_guess

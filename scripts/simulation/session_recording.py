@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calib.geometry.units import NS_PER_S
 from simulation import ros_log
 from simulation.ros_log import (
     TF_TYPE,
@@ -108,7 +109,7 @@ def generate_tf_messages(session):
     names = session.names_by_body()
     poses = {body: measure_body_poses(session, rng, name, t) for body, name in names.items()}
     poses = apply_label_swaps(poses, t, session.label_swaps)
-    late = t + round(args.mcs_late_s * 1e9)
+    late = t + round(args.mcs_late_s * NS_PER_S)
     late += np.round(args.mcs_drift_ppm * 1e-6 * (t - start)).astype(np.int64)
     log_times = late + 4_000_000 + rng.integers(0, 2_000_000, len(t))
     rng = session.make_rng(DROPOUT_SEED)
@@ -196,4 +197,4 @@ def render_session_image(session, name, ray_grid, t, n_points_per_pixel):
 
 
 def _to_ns(seconds):
-    return round(seconds * 1e9)
+    return round(seconds * NS_PER_S)

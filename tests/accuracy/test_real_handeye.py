@@ -13,8 +13,9 @@ from calib.estimation.estimation_problem import MeasurementGroup, Setup
 from calib.estimation.moving_view_poses import make_moving_placement
 from calib.estimation.solver import estimate_poses
 from calib.geometry.se3 import invert_pose, mean_pose, pose_from_xyz_quat, transform_points
+from calib.geometry.units import NS_PER_S
 from calib.initial_guess.hand_eye import solve_mount
-from calib.mocap.body_trajectory import NS_PER_S, Trajectory
+from calib.mocap.body_trajectory import Trajectory
 from calib.mocap.moving_pose_fit import fit_local_motion
 from calib.sensors.camera.camera_model import CameraModel
 from calib.targets.board import Board

@@ -42,7 +42,7 @@ from simulation.simulated_rigs import (
     TargetSpot,
 )
 
-NS_PER_S, NS_PER_MS = 10**9, 10**6
+NS_PER_MS = 10**6
 LOG_DELAY_NS = 2 * NS_PER_MS  # by which the log takes every message
 IMAGE_SIZE_PX, FOCAL_LENGTH_PX = (360, 280), 400.0
 LENS_PARAMS = (FOCAL_LENGTH_PX, FOCAL_LENGTH_PX + 1, 181.3, 138.6, 0.0, 0.0, 0.0, 0.0)

@@ -15,8 +15,8 @@ from calib.estimation.problem_assembly import build_setup, iteration_limits
 from calib.estimation.solver import estimate_poses
 from calib.extraction.extractor_registry import KEYPOINT_EXTRACTORS
 from calib.geometry.se3 import invert_pose, se3_log, so3_exp
+from calib.geometry.units import NS_PER_S
 from calib.io.pose_block import pose_sigma_from_config
-from calib.mocap import body_trajectory
 from calib.mocap.body_trajectory import Trajectory, relative_trajectory
 from calib.sensors.camera.images.image_messages import decode_png, encode_png
 from extract import make_extraction_context
@@ -82,7 +82,7 @@ def redraw_placements(recording, rng):
     session = recording.truth
     start, end = mcs_time_span(session.placement_times_ns)
     t = np.arange(start, end + 1, MCS_PERIOD_NS)
-    gap = round(recording.options["mocap"]["max_gap_s"] * body_trajectory.NS_PER_S)
+    gap = round(recording.options["mocap"]["max_gap_s"] * NS_PER_S)
     poses = (measure_body_poses(session, rng, name, t) for name in ("robot", recording.target))
     relative = relative_trajectory(*(Trajectory(t, T, gap) for T in poses))
     sigma = pose_sigma_from_config(recording.options["mocap"]["pose_sigma"])

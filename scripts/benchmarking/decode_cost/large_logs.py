@@ -6,6 +6,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from calib.geometry.se3 import make_pose, se3_exp
+from calib.geometry.units import NS_PER_S
 from simulation import ros_log
 from simulation.ros_log import (
     CLOUD_TYPE,
@@ -23,7 +24,7 @@ COMPRESSIONS = {
     "lz4": CompressionType.LZ4,
     "zstd": CompressionType.ZSTD,
 }
-LARGE_LOG_START_NS, NS_PER_S = 1_700_000_000 * 10**9, 10**9
+LARGE_LOG_START_NS = 1_700_000_000 * NS_PER_S
 MAP_FRAME, BODY_NAMES = "mocap/world", ("mocap/robot", "mocap/board", "mocap/cylinder")
 LIDAR_NAMES, CAMERA_NAMES = ("front", "rear"), ("left", "right")
 MCS_HZ, SENSOR_HZ = 100, 10

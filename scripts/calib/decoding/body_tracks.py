@@ -4,9 +4,9 @@ import difflib
 
 import numpy as np
 
-from calib.decoding import decoded_log
 from calib.decoding.decoded_log import median_rate_hz, mocap_topics
 from calib.decoding.sensor_audit import missing_topic_status
+from calib.geometry.units import NS_PER_S
 from calib.io.parquet_tables import concatenate_columns
 from calib.io.status import OK, failure_status
 from calib.io.table_schemas import MOCAP_SCHEMA
@@ -15,8 +15,6 @@ from calib.mocap.messages.pose_messages import POSE_READERS
 from calib.mocap.pose_conventions import to_si_xyzw
 from calib.mocap.pose_faults import flag_poses
 from calib.mocap.swapped_bodies import flag_swaps
-
-NS_PER_S = decoded_log.NS_PER_S
 
 
 def build_mocap_columns(recording, clocks, mocap_config):

@@ -4,9 +4,9 @@ from collections import Counter
 
 import numpy as np
 
-from calib.decoding import stream_clocks
 from calib.decoding.sensor_probe import PROBE_BY_KIND
 from calib.decoding.stream_clocks import match_streams_to_log
+from calib.geometry.units import NS_PER_S
 from calib.io.logs.message_headers import header_stamp_ns, read_message_header
 from calib.io.parquet_tables import empty_columns
 from calib.io.status import InputError, guard_message_fields
@@ -15,7 +15,6 @@ from calib.mocap.messages.pose_messages import POSE_READERS, read_poses
 from calib.mocap.pose_streams import MocapStreams
 from calib.sensors.camera import camera_info
 
-NS_PER_S = stream_clocks.NS_PER_S
 TF_STATIC_TOPIC = "/tf_static"
 
 

@@ -5,8 +5,9 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
-from calib.decoding.decoded_log import NS_PER_S, median_rate_hz
+from calib.decoding.decoded_log import median_rate_hz
 from calib.decoding.sensor_probe import PROBE_BY_KIND
+from calib.geometry.units import NS_PER_S
 from calib.io.status import OK, failure_status
 
 

@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-NS_PER_S = 1_000_000_000
+from calib.geometry.units import NS_PER_S
+
 MAX_MESSAGE_DELAY_NS = NS_PER_S  # no message is on its way for longer: another clock made its stamp
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 
 from calib.estimation.estimation_problem import MeasurementGroup, Placement
+from calib.geometry.units import NS_PER_S
 from calib.io.parquet_tables import select_rows
 from calib.io.pose_block import pose_sigma_from_config
-from calib.mocap.body_trajectory import NS_PER_S
 from calib.mocap.moving_pose_fit import MovingView, fit_local_motion
 from calib.views.frame_selection import space_evenly
 

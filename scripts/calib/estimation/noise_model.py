@@ -8,8 +8,8 @@ from scipy.stats import chi2
 
 from calib.estimation.residuals.assignment import Noise
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS, uses_template_points
+from calib.geometry.units import MAD_TO_SIGMA
 
-MAD_TO_SIGMA = 1.4826
 UNIFORM_MEDIAN_OVER_SIGMA = np.sqrt(3) / 2  # of the absolute value over σ, of a uniform error
 INITIAL_NOISE_FACTOR = 3.0  # times what the residuals show at a start that may be off
 MOVING_VIEW_SUFFIX = " in motion"

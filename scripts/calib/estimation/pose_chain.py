@@ -7,7 +7,7 @@ import numpy as np
 from calib.estimation.estimate_state import get_correction_values, get_local_motion
 from calib.estimation.nlp.joint_nlp import LinearizationPoses
 from calib.geometry.se3 import adjoint, invert_pose, se3_exp, se3_log
-from calib.mocap.body_trajectory import NS_PER_S
+from calib.geometry.units import NS_PER_S
 
 ROBOT_MARKERS = (
     "markers"  # name of the correction that is where a session's MCS body of the robot sits

@@ -1,2 +1,3 @@
 """Geometry without files: rigid motions (se3), frames connected by transforms (frame_graph),
-polygons, ICP, how far an uncertain pose reaches (pose_margin), and `where` for NumPy or CasADi."""
+polygons, ICP, the angular reach of an uncertain pose (pose_margin), elementwise branches for NumPy or
+CasADi, and factors between units (units)."""

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from scipy.stats import rankdata
 
+from calib.geometry.units import NS_PER_S
 from calib.io.status import MessageError
-from calib.mocap.body_trajectory import NS_PER_S
 from calib.sensors.camera.images.image_messages import to_grey
 
 SEARCH_RANGE_S, SEARCH_STEP_S = 1.2, 0.01  # offsets that are tried beside the stated one

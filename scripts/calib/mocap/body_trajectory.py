@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.geometry.se3 import interpolate_poses, invert_pose, pose_from_xyz_quat
+from calib.geometry.units import NS_PER_S
 
 
 def target_trajectories(columns, body, bodies, max_gap_s):
@@ -27,9 +28,6 @@ def find_separate_streams(columns, body, bodies, topics, max_gap_s):
         return {}
     robot = trajectory_from_columns(columns, body, max_gap_s)
     return {t: (robot, trajectory_from_columns(columns, n, max_gap_s)) for t, n in others.items()}
-
-
-NS_PER_S = 1_000_000_000
 
 
 @dataclass(frozen=True)

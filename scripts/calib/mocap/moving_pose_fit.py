@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.geometry.se3 import invert_pose, se3_exp, se3_log
-from calib.mocap.body_trajectory import NS_PER_S, Trajectory, relative_trajectory
+from calib.geometry.units import NS_PER_S
+from calib.mocap.body_trajectory import Trajectory, relative_trajectory
 
 LAG_WINDOW_NS = NS_PER_S  # ns to each side of a view, in which poses may be of use
 FIT_REACH_SAMPLES = (

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-NS_PER_S = 1_000_000_000
+from calib.geometry.units import NS_PER_S
+
 MAX_POSITION_M = 1e5  # no map is as large
 MAX_QUAT_NORM_ERROR = 0.01  # by which a quaternion may be off unit
 MAX_BODY_SPEED_MPS, MAX_BODY_TURN_RADPS = (

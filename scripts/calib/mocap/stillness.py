@@ -3,8 +3,8 @@
 import numpy as np
 
 from calib.geometry.se3 import so3_log
+from calib.geometry.units import NS_PER_S
 from calib.mocap import body_trajectory
-from calib.mocap.body_trajectory import NS_PER_S
 
 
 def _fit_window_slopes(t, y, first, last):

@@ -1,9 +1,6 @@
 """What stands in a verdict: one finding per limit that is not kept, in words and numbers."""
 
-import numpy as np
-
 VERDICT_LEVELS = ("pass", "warn", "fail")
-M_TO_MM, SHARE_TO_PERCENT, RAD_TO_DEG = 1e3, 100.0, np.degrees(1.0)
 REMEDY_BY_CHECK = {
     "rejected": "see what was left out and where (Residuals): a stand, a hand, a wrong size or "
     "mount of a target, or wrong lens parameters",

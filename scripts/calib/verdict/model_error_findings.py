@@ -3,13 +3,8 @@
 import numpy as np
 
 from calib.estimation.corrections.clock_offset import TIME_OFFSET
-from calib.verdict.findings import (
-    M_TO_MM,
-    RAD_TO_DEG,
-    SHARE_TO_PERCENT,
-    level_by_limits,
-    make_finding,
-)
+from calib.geometry.units import DEG_PER_RAD, MM_PER_M, SHARE_TO_PERCENT
+from calib.verdict.findings import level_by_limits, make_finding
 
 
 def suspected_error_findings(error, solution, limits):
@@ -30,10 +25,10 @@ def suspected_error_findings(error, solution, limits):
     grave = [
         n
         for n, s in moved.items()
-        if s["m"] > limits["fail_sigma_m"] or s["rad"] * RAD_TO_DEG > limits["fail_sigma_deg"]
+        if s["m"] > limits["fail_sigma_m"] or s["rad"] * DEG_PER_RAD > limits["fail_sigma_deg"]
     ]
     effect = [
-        f"would move {n} by {s['m'] * M_TO_MM:.2g} mm and {s['rad'] * RAD_TO_DEG:.2g}°"
+        f"would move {n} by {s['m'] * MM_PER_M:.2g} mm and {s['rad'] * DEG_PER_RAD:.2g}°"
         for n, s in sorted(moved.items())
     ]
     effect += [
@@ -88,7 +83,7 @@ def target_mount_findings(name, target, limits):
     if found == "pass":
         return undetermined_mount_findings(name, target["open"])
     limit = limits[f"{found}_correction_sigma"]
-    mm, deg = np.linalg.norm(shift.reshape(2, 3), axis=1) * [M_TO_MM, RAD_TO_DEG]
+    mm, deg = np.linalg.norm(shift.reshape(2, 3), axis=1) * [MM_PER_M, DEG_PER_RAD]
     text = (
         f"{name} sits {mm:.2g} mm and {deg:.2g}° from where T_body_target says, {value:.3g} of its "
         f"alignment_sigma, {found} above {limit:.3g}; the estimate counts"
@@ -119,9 +114,9 @@ def repeatability_findings(rows, limits):
         m, rad = np.linalg.norm(np.reshape(row["shift"], (2, 3)), axis=1)
         if row["chance"] > limits["warn_suspicion_chance"] or m < limits["warn_shift_m"]:
             continue
-        grave = m > limits["fail_sigma_m"] or rad * RAD_TO_DEG > limits["fail_sigma_deg"]
+        grave = m > limits["fail_sigma_m"] or rad * DEG_PER_RAD > limits["fail_sigma_deg"]
         text = (
-            f"{name} sits {m * M_TO_MM:.2g} mm and {rad * RAD_TO_DEG:.2g}° elsewhere in session "
+            f"{name} sits {m * MM_PER_M:.2g} mm and {rad * DEG_PER_RAD:.2g}° elsewhere in session "
             f"{row['session']} than in the others"
         )
         remedy = (

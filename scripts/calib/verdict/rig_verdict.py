@@ -3,11 +3,9 @@
 import numpy as np
 
 from calib.diagnosis.observability import describe_next_view
+from calib.geometry.units import DEG_PER_RAD, MM_PER_M, MS_PER_S, SHARE_TO_PERCENT
 from calib.verdict.findings import (
-    M_TO_MM,
-    RAD_TO_DEG,
     REMEDY_BY_CHECK,
-    SHARE_TO_PERCENT,
     VERDICT_LEVELS,
     check_limit,
     make_finding,
@@ -68,7 +66,7 @@ def sensor_findings(name, sensor, limits):
             f"write sensors.{name}.time_offset_s: {sensor['time_offset_s']['value']:.4f}, so that "
             "frames are taken where they belong"
         )
-        out += check_limit(name, off, limits, "offset_s", words, M_TO_MM, " ms", remedy=remedy)
+        out += check_limit(name, off, limits, "offset_s", words, MS_PER_S, " ms", remedy=remedy)
     if sensor["correction"] is not None:
         words = "differs from the first guess by, in its σ,"
         out += check_limit(name, sensor["correction"], limits, "correction_sigma", words)
@@ -143,8 +141,8 @@ def _tilt_findings(name, sensor, limits):
 def sigma_findings(name, sensor, limits, has_misfit):
     """Findings on the σ of one sensor with a pose; has_misfit: whether model and data disagree."""
     sigma = np.sqrt(np.diag(sensor["covariance"]))
-    values = {"sigma_m": sigma[:3].max(), "sigma_deg": sigma[3:].max() * RAD_TO_DEG}
-    told = {"sigma_m": ("position σ", M_TO_MM, " mm"), "sigma_deg": ("rotation σ", 1.0, "°")}
+    values = {"sigma_m": sigma[:3].max(), "sigma_deg": sigma[3:].max() * DEG_PER_RAD}
+    told = {"sigma_m": ("position σ", MM_PER_M, " mm"), "sigma_deg": ("rotation σ", 1.0, "°")}
     out = []
     for check, value in values.items():
         words, scale, unit = told[check]

@@ -5,9 +5,9 @@ from functools import cache
 import numpy as np
 
 from calib.geometry.se3 import invert_pose, pose_from_xyz_quat, rotation_angle
+from calib.geometry.units import NS_PER_S
 from calib.io.pose_block import pose_from_config
 from calib.io.status import OK, failure_status
-from calib.mocap.body_trajectory import NS_PER_S
 from calib.views.sensor_reader import read_and_cut_frame
 
 NO_TRIM_CLOCK_SIGMA_S = (

@@ -3,7 +3,7 @@
 import numpy as np
 
 from calib.geometry.se3 import invert_pose
-from calib.mocap.body_trajectory import NS_PER_S
+from calib.geometry.units import NS_PER_S
 from calib.mocap.moving_pose_fit import fit_local_motion
 from calib.views.frame_selection import space_evenly
 

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 
+from calib.geometry.units import NS_PER_S
 from simulation.sensors.image_renderer import FINE_POINTS_PER_PIXEL
 from simulation.world.smooth_motion import find_motion_progress
 
@@ -19,7 +20,7 @@ def sample_exposure_times(t, exposure_s, placement_times_ns):
     """Times (n,), ns, whose mean is the image stamped t, the middle of the exposure; only t where
     everything rests throughout."""
     offsets = (np.arange(N_EXPOSURE_INSTANTS) + 0.5) / N_EXPOSURE_INSTANTS - 0.5
-    all_of_them = t + np.round(offsets * exposure_s * 1e9).astype(np.int64)
+    all_of_them = t + np.round(offsets * exposure_s * NS_PER_S).astype(np.int64)
     moving = find_motion_progress(all_of_them, placement_times_ns)[1] > 0
     return all_of_them if exposure_s and moving.any() else np.array([t])
 

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calib.geometry.units import NS_PER_S
+
 
 class Echoes(NamedTuple):
     """What a lidar measured: xyz (columns, beams, 3), m, lidar frame, distance and grey level
@@ -47,7 +49,7 @@ def _absolute_time_ns(echoes):
 
 
 def _absolute_time_s(echoes):
-    return (echoes.stamp_ns + echoes.column_time_ns) / 1e9
+    return (echoes.stamp_ns + echoes.column_time_ns) / NS_PER_S
 
 
 XYZ_FIELDS = {"x": "<f4 0", "y": "<f4 4", "z": "<f4 8"}
@@ -123,8 +125,8 @@ FIELD_VALUES = {
     "ts": lambda e: e.column_time_ns * 1e-9,
     "t": lambda e: e.column_time_ns,
     "time_stamp": lambda e: e.column_time_ns,
-    "lidar_sec": lambda e: (e.stamp_ns + e.column_time_ns) // 10**9,
-    "lidar_nsec": lambda e: (e.stamp_ns + e.column_time_ns) % 10**9,
+    "lidar_sec": lambda e: (e.stamp_ns + e.column_time_ns) // NS_PER_S,
+    "lidar_nsec": lambda e: (e.stamp_ns + e.column_time_ns) % NS_PER_S,
     "range": lambda e: np.round(e.distance_m * 1e3),
     "distance": lambda e: e.distance_m,
     "azimuth": lambda e: np.arctan2(e.xyz[..., 1], e.xyz[..., 0]),

@@ -3,6 +3,7 @@
 import numpy as np
 
 from calib.geometry.se3 import make_pose, so3_exp, so3_log
+from calib.geometry.units import NS_PER_S
 
 SIMULATION_START_NS = 1_700_000_000_000_000_000
 
@@ -10,8 +11,10 @@ SIMULATION_START_NS = 1_700_000_000_000_000_000
 def schedule_placements(time_slots, hold_s, move_s):
     """Start and end (n, 2) of placements, int64 ns, that begin in the time_slots (n,) of time, each as
     long as a placement and a move."""
-    start = SIMULATION_START_NS + np.asarray(time_slots, np.int64) * round((hold_s + move_s) * 1e9)
-    return np.stack([start, start + round(hold_s * 1e9)], -1)
+    start = SIMULATION_START_NS + np.asarray(time_slots, np.int64) * round(
+        (hold_s + move_s) * NS_PER_S
+    )
+    return np.stack([start, start + round(hold_s * NS_PER_S)], -1)
 
 
 def find_motion_progress(t, placement_times_ns):

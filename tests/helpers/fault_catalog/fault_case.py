@@ -7,11 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calib.geometry.units import NS_PER_S
 from simulation import ros_log
 from simulation.ros_log import NUMPY_TO_POINT_FIELD
 from simulation.world.smooth_motion import SIMULATION_START_NS
 
-NS_PER_MS, NS_PER_S = 10**6, 10**9
+NS_PER_MS = 10**6
 TF_TOPIC, CLOUD_TOPIC, IMAGE_TOPIC, CAMERA_INFO_TOPIC = (
     "/tf",
     "/velodyne_points",

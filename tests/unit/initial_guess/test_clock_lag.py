@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from calib.geometry.se3 import pose_from_rpy
+from calib.geometry.units import NS_PER_S
 from calib.initial_guess.clock_lag import find_clock_lag, measure_motion
 from calib.io.status import MessageError
-from calib.mocap.body_trajectory import NS_PER_S, Trajectory
+from calib.mocap.body_trajectory import Trajectory
 
 STATED = {"value": 0.0, "sigma": 0.05}
 RNG = np.random.default_rng(0)

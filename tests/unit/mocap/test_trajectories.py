@@ -15,12 +15,8 @@ from calib.geometry.se3 import (
     se3_exp,
     so3_exp,
 )
-from calib.mocap.body_trajectory import (
-    NS_PER_S,
-    Trajectory,
-    relative_trajectory,
-    trajectory_from_columns,
-)
+from calib.geometry.units import NS_PER_S
+from calib.mocap.body_trajectory import Trajectory, relative_trajectory, trajectory_from_columns
 from calib.mocap.pose_faults import flag_poses
 from calib.mocap.stillness import count_effective_samples, find_still_intervals, trajectory_speeds
 from helpers.real_data import find_shared_data

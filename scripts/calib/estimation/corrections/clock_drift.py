@@ -7,7 +7,7 @@ from scipy import stats
 
 from calib.estimation.corrections.clock_offset import TIME_OFFSET, time_offset_derivative
 from calib.estimation.corrections.correction import Correction
-from calib.mocap.body_trajectory import NS_PER_S
+from calib.geometry.units import NS_PER_S
 
 CLOCK_DRIFT = "time_wander"  # name of the correction
 SESSION_OFFSET_PRIOR_S, DRIFT_PRIOR_S_PER_S = (

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-SHARE_TO_PERCENT, M_TO_MM, RAD_TO_DEG = 100.0, 1e3, np.degrees(1.0)
+from calib.geometry.units import DEG_PER_RAD, MM_PER_M
+
 MIN_SHOWN_SIGMAS = 3.0  # σ: a part of several numbers that is smaller is not worth a word
 
 
@@ -28,7 +29,7 @@ def format_vector_sigma(values, sigmas, factor, unit):
 def format_twist_sigma(theta, sigma):
     """`(9.8, 0.1, 0.3) ± (0.2, 0.2, 0.2) mm and (…)°` of a twist (6,), m and rad; without a part
     that nothing tells, or that is nothing beside the other."""
-    parts = [(theta[:3], sigma[:3], M_TO_MM, "mm"), (theta[3:], sigma[3:], RAD_TO_DEG, "°")]
+    parts = [(theta[:3], sigma[:3], MM_PER_M, "mm"), (theta[3:], sigma[3:], DEG_PER_RAD, "°")]
     parts = [part for part in parts if part[1].any()]
     clear = [part for part in parts if (np.abs(part[0]) > MIN_SHOWN_SIGMAS * part[1]).any()]
     return " and ".join(format_vector_sigma(*part) for part in clear or parts)

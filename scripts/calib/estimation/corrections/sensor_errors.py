@@ -11,13 +11,11 @@ from calib.estimation.corrections.correction import (
     make_finite_difference,
 )
 from calib.estimation.corrections.number_wording import (
-    M_TO_MM,
-    RAD_TO_DEG,
-    SHARE_TO_PERCENT,
     choose_by_sign,
     format_value_sigma,
     format_vector_sigma,
 )
+from calib.geometry.units import DEG_PER_RAD, MM_PER_M, SHARE_TO_PERCENT
 from calib.sensors.camera.camera_model import CAMERA_MODELS
 
 RELATIVE_STEP, FINITE_STEP_PX = 1e-6, 1e-4  # steps of the finite differences
@@ -83,7 +81,7 @@ def make_range_corrections(setup):
 
         def of_bias(theta, sigma, name=name):
             return (
-                f"the ranges of {name} are {format_value_sigma(theta[0], sigma[0], M_TO_MM, 'mm')} "
+                f"the ranges of {name} are {format_value_sigma(theta[0], sigma[0], MM_PER_M, 'mm')} "
                 f"{choose_by_sign(theta[0], 'too long', 'too short')}"
             )
 
@@ -150,9 +148,9 @@ def _make_beam_correction(name, rings, basis, sigma):
         worst = np.abs(off).argmax()
         return (
             f"single beams of {name} read long or short: beam {rings[worst]} is "
-            f"{format_value_sigma(off[worst], spread[worst], M_TO_MM, 'mm')} "
+            f"{format_value_sigma(off[worst], spread[worst], MM_PER_M, 'mm')} "
             f"{choose_by_sign(off[worst], 'longer', 'shorter')} than the mean of all, rms of all "
-            f"{M_TO_MM * np.sqrt(np.mean(off**2)):.2g} mm"
+            f"{MM_PER_M * np.sqrt(np.mean(off**2)):.2g} mm"
         )
 
     def longer(lidar, theta, placement):
@@ -183,8 +181,8 @@ def make_beam_width_corrections(setup):
         def told(theta, sigma, name=name):
             return (
                 f"outlines in the scans of {name} are seen "
-                f"{format_value_sigma(theta[0], sigma[0], M_TO_MM, 'mm')} {choose_by_sign(theta[0], 'wider', 'narrower')} all "
-                f"round, and {format_value_sigma(theta[1], sigma[1], RAD_TO_DEG, '°')} "
+                f"{format_value_sigma(theta[0], sigma[0], MM_PER_M, 'mm')} {choose_by_sign(theta[0], 'wider', 'narrower')} all "
+                f"round, and {format_value_sigma(theta[1], sigma[1], DEG_PER_RAD, '°')} "
                 f"{choose_by_sign(theta[1], 'wider', 'narrower')} besides"
             )
 
@@ -224,7 +222,9 @@ def _make_placement_width_correction(name, places, sigma, remedy):
         return _widen_beams(lidar, (float(theta[places == placement].sum()), 0.0))
 
     def told(theta, sigma):
-        least, most, mean = (f"{M_TO_MM * v:.1f}" for v in (theta.min(), theta.max(), theta.mean()))
+        least, most, mean = (
+            f"{MM_PER_M * v:.1f}" for v in (theta.min(), theta.max(), theta.mean())
+        )
         return (
             f"outlines in the scans of {name} are seen {mean} mm wider all round in the mean, "
             f"{least} to {most} mm in single placements"
@@ -267,8 +267,8 @@ def make_outline_twist_corrections(setup):
         def told(theta, sigma, name=name):
             return (
                 f"outlines in the scans of {name} put it elsewhere than its returns do, along and "
-                f"about its x, y, z by {format_vector_sigma(theta[:3], sigma[:3], M_TO_MM, 'mm')} and "
-                f"{format_vector_sigma(theta[3:], sigma[3:], RAD_TO_DEG, '°')}"
+                f"about its x, y, z by {format_vector_sigma(theta[:3], sigma[:3], MM_PER_M, 'mm')} and "
+                f"{format_vector_sigma(theta[3:], sigma[3:], DEG_PER_RAD, '°')}"
             )
 
         remedy = (

@@ -10,13 +10,12 @@ from calib.estimation.corrections.correction import (
     make_finite_difference,
 )
 from calib.estimation.corrections.number_wording import (
-    M_TO_MM,
     MIN_SHOWN_SIGMAS,
-    SHARE_TO_PERCENT,
     choose_by_sign,
     format_twist_sigma,
     format_value_sigma,
 )
+from calib.geometry.units import MM_PER_M, SHARE_TO_PERCENT
 
 RELATIVE_STEP = 1e-6  # step of a finite difference
 CORNER_KINDS, OUTLINE_KINDS = ("pattern_corner",), ("board_outline",)
@@ -84,7 +83,7 @@ def make_outline_corrections(setup):
 
         def of_edges(theta, sigma, name=name):
             found = [
-                f"edge {i + 1} {format_value_sigma(t, s, M_TO_MM, 'mm')} {choose_by_sign(t, 'outside', 'inside')}"
+                f"edge {i + 1} {format_value_sigma(t, s, MM_PER_M, 'mm')} {choose_by_sign(t, 'outside', 'inside')}"
                 for i, (t, s) in enumerate(zip(theta, sigma, strict=True))
                 if abs(t) > min(MIN_SHOWN_SIGMAS * s, np.abs(theta).max() * (1 - RELATIVE_STEP))
             ]

@@ -10,6 +10,7 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, DataEnd, Message, Schema
 from mcap.stream_reader import MAGIC_SIZE, StreamReader
 
+from calib.geometry.units import NS_PER_S
 from calib.io.logs.decompression import (
     MAX_UNPACKED_BYTES,
     TooLargeError,
@@ -20,7 +21,6 @@ from calib.io.status import InputError, summarize_error
 
 MAX_LOG_TIME_NS = 1 << 62  # ns; a log time beyond is a wrong bit
 MAX_LOOSE_BYTES = 1 << 20  # bytes of messages outside of chunks that are read at a time
-NS_PER_S = 1e9
 
 
 class McapPiece(NamedTuple):

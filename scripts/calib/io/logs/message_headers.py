@@ -1,6 +1,7 @@
 """When a message of a sensor was stamped, and in which frame it is."""
 
-NS_PER_S = 1_000_000_000
+from calib.geometry.units import NS_PER_S
+
 FOXGLOVE_TYPE_PREFIX = "foxglove_msgs/"  # types that say so themselves, not in a std_msgs/Header
 
 

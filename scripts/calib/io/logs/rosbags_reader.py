@@ -4,6 +4,7 @@ from heapq import merge
 
 from rosbags.interfaces import MessageDefinitionFormat
 
+from calib.geometry.units import NS_PER_S
 from calib.io.logs.log_message import LogMessage
 from calib.io.logs.message_types import MessageTypes, full_type_name
 from calib.io.status import InputError, summarize_error
@@ -12,7 +13,6 @@ DEFINITION_FORMATS = {
     MessageDefinitionFormat.MSG: "ros2msg",
     MessageDefinitionFormat.IDL: "ros2idl",
 }
-NS_PER_S = 1e9
 
 
 class RosbagsLog:

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-NS_PER_S = 1_000_000_000
+from calib.geometry.units import NS_PER_S
 
 
 class MocapPose(NamedTuple):

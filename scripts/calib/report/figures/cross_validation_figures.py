@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from calib.geometry.units import DEG_PER_RAD, MM_PER_M
 from calib.report.figures import svg_plots
 from calib.report.figures.captions import PLACEMENT_INFLUENCE, SIGMA_BY_PLACEMENTS
 from calib.report.figures.svg_plots import BLUE, COLOR_CYCLE, MUTED_COLOR, ORANGE, create_figure
 from calib.report.sections.cross_validation import list_placement_influences
-from calib.report.sections.extrinsics import DEG_PER_RAD, MM_PER_M
 
 
 def draw_sigma_by_placements(run):

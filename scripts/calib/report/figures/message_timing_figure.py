@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from calib.geometry.units import MS_PER_S, NS_PER_S
 from calib.report.figures import svg_plots
 from calib.report.figures.captions import MESSAGE_TIMING
 from calib.report.figures.svg_plots import COLOR_CYCLE
 from calib.report.sections.recording_audit import select_sensor_stamps
 
-NS_PER_S = 1e9
 MAX_POINTS = 1500  # of a sensor
 
 
@@ -25,11 +25,13 @@ def draw_message_timing(run, session):
         every = len(t) // MAX_POINTS + 1
         style = dict(ms=2.4, mew=0, color=colour, alpha=0.8, rasterized=True)
         intervals.plot(x[1::every], step[::every] / max(np.median(step), 1), ".", **style)
-        delays.plot(x[::every], ((log_t - t) / NS_PER_S * 1e3)[::every], ".", label=name, **style)
+        delays.plot(
+            x[::every], ((log_t - t) / NS_PER_S * MS_PER_S)[::every], ".", label=name, **style
+        )
     intervals.set(xlabel="time, s", ylabel="over the median", ylim=(0, None))
     intervals.set_title("interval between stamps")
     delays.set(xlabel="time, s", ylabel="ms", title="log time after the stamp")
-    late = np.concatenate([(log_t - t) / NS_PER_S * 1e3 for t, log_t in found.values()])
+    late = np.concatenate([(log_t - t) / NS_PER_S * MS_PER_S for t, log_t in found.values()])
     room = np.ptp(late) + 0.1 * np.abs(late).max()
     delays.set_ylim(late.min() - 0.1 * room, late.max() + 0.4 * room)
     delays.legend(loc="upper right", ncols=min(len(found), 3), markerscale=2.5)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from calib.geometry.units import NS_PER_S
 from calib.report.figures import svg_plots
 from calib.report.figures.captions import (
     CAMERA_RESIDUALS_BY_INCIDENCE,
@@ -54,7 +55,6 @@ from calib.report.sections.residual_tables import (
     standardize_residuals,
 )
 
-NS_PER_S = 1e9
 N_BINS = 41
 MIN_GROUP_SIZE = 5  # groups of fewer residuals are not drawn
 N_IMAGE_CELLS = (8, 6)

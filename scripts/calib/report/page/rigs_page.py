@@ -6,8 +6,9 @@ calibration and verdict are calibration.json and verdict.json as they are.
 import numpy as np
 
 from calib.geometry.se3 import invert_pose, se3_log
+from calib.geometry.units import DEG_PER_RAD, MM_PER_M
 from calib.report.number_format import DASH, format_number
-from calib.report.sections.extrinsics import DEG_PER_RAD, MM_PER_M, pose_distance_mm_deg
+from calib.report.sections.extrinsics import pose_distance_mm_deg
 from calib.verdict.findings import worst_level
 
 DRIFT_LIMIT_SIGMA = 3.0  # σ: a drift beyond that is marked

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from calib.geometry.units import DEG_PER_RAD, MM_PER_M
 from calib.report.number_format import format_count, format_number, format_percent
-from calib.report.sections.extrinsics import DEG_PER_RAD, MM_PER_M
 from calib.verdict.findings import level_by_limits
 
 N_TOP_INFLUENCES = 3

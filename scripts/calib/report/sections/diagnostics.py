@@ -1,7 +1,7 @@
 """What went wrong or nearly so, ranked by what it costs."""
 
+from calib.geometry.units import DEG_PER_RAD, MM_PER_M
 from calib.report.number_format import DASH, format_count, format_number, format_plural
-from calib.report.sections.extrinsics import DEG_PER_RAD, MM_PER_M
 from calib.verdict.findings import VERDICT_LEVELS
 
 LOWER_LIMIT_CHECKS = ("placements", "tilt_deg")

@@ -20,6 +20,7 @@ from calib.geometry.se3 import (
     so3_log,
     transform_points,
 )
+from calib.geometry.units import DEG_PER_RAD, MM_PER_M
 from calib.report.number_format import (
     DASH,
     choose_decimals,
@@ -29,7 +30,6 @@ from calib.report.number_format import (
     format_percent,
 )
 
-MM_PER_M, DEG_PER_RAD = 1e3, np.degrees(1.0)
 POSE_NUMBER_UNITS = (
     ("x", "mm"),
     ("y", "mm"),

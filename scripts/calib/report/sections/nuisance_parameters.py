@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from calib.geometry.units import MM_PER_M, MS_PER_S
 from calib.report.number_format import format_decimals, format_number
-from calib.report.sections.extrinsics import MM_PER_M, tabulate_pose
+from calib.report.sections.extrinsics import tabulate_pose
 from calib.sensors.camera.camera_model import CAMERA_MODELS
 from calib.sensors.sensor_models import camera_from_config
 from calib.targets.target_shapes import target_from_config
@@ -67,8 +68,8 @@ def _format_time_offset(sensor):
 
 def _format_ms(offset):
     """`25.123 ± 0.14 ms` of an offset, s, with its σ."""
-    value = format_decimals(offset["value"] * MM_PER_M, 3)
-    return f"{value} ± {format_number(offset['sigma'] * MM_PER_M, 2)} ms"
+    value = format_decimals(offset["value"] * MS_PER_S, 3)
+    return f"{value} ± {format_number(offset['sigma'] * MS_PER_S, 2)} ms"
 
 
 def _format_clock_drift(clock_drift):

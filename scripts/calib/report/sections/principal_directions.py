@@ -3,8 +3,8 @@
 import numpy as np
 
 from calib.diagnosis.observability import GENERAL_ADVICE, LEVER_ARM_M, describe_pose_direction
+from calib.geometry.units import DEG_PER_RAD, MM_PER_M
 from calib.report.number_format import DASH, format_number
-from calib.report.sections.extrinsics import DEG_PER_RAD, MM_PER_M
 
 
 def principal_pose_directions(sensor, T_robot_sensor):

@@ -5,11 +5,9 @@ import json
 import numpy as np
 import yaml
 
+from calib.geometry.units import MM_PER_M, NS_PER_S
 from calib.io.config import default_config_blocks
 from calib.report.number_format import DASH, format_count, format_number
-from calib.report.sections.extrinsics import MM_PER_M
-
-NS_PER_S = 1e9
 
 
 def tabulate_convergence(run):

@@ -2,10 +2,9 @@
 
 import numpy as np
 
+from calib.geometry.units import MS_PER_S, NS_PER_S
 from calib.io.status import Status
 from calib.report.number_format import DASH, format_count, format_number
-
-NS_PER_S = 1e9
 
 
 def tabulate_sensor_streams(run, session):
@@ -51,7 +50,7 @@ def format_log_delay(t, log_t):
     """`102, 108`: median and 99 % of what the log is later than the stamps, ms."""
     if not len(t):
         return DASH
-    low, high = np.quantile((log_t - t) / NS_PER_S * 1e3, (0.5, 0.99))
+    low, high = np.quantile((log_t - t) / NS_PER_S * MS_PER_S, (0.5, 0.99))
     return f"{format_number(low)}, {format_number(high)}"
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from calib.geometry.se3 import inverse_pose_covariance, invert_pose, so3_hat
+from calib.geometry.units import DEG_PER_RAD, MM_PER_M
 from calib.report.number_format import format_number
-from calib.report.sections.extrinsics import DEG_PER_RAD, MM_PER_M
 from calib.sensors.sensor_models import camera_from_config
 
 TASK_RANGES_M = (2.0, 5.0, 10.0, 20.0)  # m

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from calib.geometry.units import MM_PER_M
 from calib.report.number_format import DASH, format_number, format_percent, format_plural
-from calib.report.sections.extrinsics import MM_PER_M
 from calib.verdict.findings import level_by_limits
 
 

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
+from calib.geometry.units import MAD_TO_SIGMA
+
 PROFILE_REACH_PX, PROFILE_STEP_PX = (
     11.0,
     0.5,
@@ -153,5 +155,5 @@ def _is_single_edge(offset_px, contrast, misfit, width, noise):
     if not good.any():
         return good
     usual = np.median(width[good])
-    spread = 1.4826 * np.median(np.abs(width[good] - usual))
+    spread = MAD_TO_SIGMA * np.median(np.abs(width[good] - usual))
     return good & (np.abs(width - usual) < 4 * spread + 0.02)

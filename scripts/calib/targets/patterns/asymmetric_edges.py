@@ -14,6 +14,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from calib.geometry.units import MAD_TO_SIGMA
 from calib.targets.patterns.gradient_corners import refine_gradient_corners
 
 MAX_MISFIT_TO_SADDLE = (
@@ -22,7 +23,6 @@ MAX_MISFIT_TO_SADDLE = (
 LAPLACE_KERNEL = (
     np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]]) / 6
 )  # keeps the variance of white noise
-MAD_TO_SIGMA = 1.4826
 
 
 def fix_asymmetric_edges(region, fit, along, across):

@@ -24,12 +24,8 @@ from calib.estimation.solver import (
     moving_view_error_priors,
 )
 from calib.geometry.se3 import invert_pose, se3_exp, se3_log, transform_points
-from calib.mocap.body_trajectory import (
-    NS_PER_S,
-    Trajectory,
-    find_separate_streams,
-    relative_trajectory,
-)
+from calib.geometry.units import NS_PER_S
+from calib.mocap.body_trajectory import Trajectory, find_separate_streams, relative_trajectory
 from calib.mocap.moving_pose_fit import MovingView, fit_local_motion
 from helpers import synthetic_setup
 from helpers.synthetic_setup import (

@@ -7,6 +7,7 @@ which its ring, no message says: `layout.infer` finds it out of a few and puts i
 
 import numpy as np
 
+from calib.geometry.units import NS_PER_S
 from calib.io.status import MessageError, guard_message_fields
 from calib.sensors.lidar.clouds import foxglove_cloud, laser_scan, livox_custom, pointcloud2
 from calib.sensors.lidar.clouds.beam_inference import assign_beams
@@ -50,7 +51,7 @@ UNSUPPORTED_CLOUD_TYPES = {
     ),
     "foxglove.*": _PROTOBUF_CLOUD_REMEDY.format("foxglove_msgs/msg/PointCloud"),
 }
-MAX_POINT_TIME_NS = 10 * 10**9  # from its stamp that a point of a scan can have been measured
+MAX_POINT_TIME_NS = 10 * NS_PER_S  # from its stamp that a point of a scan can have been measured
 
 
 def read_raw_cloud(message):
@@ -71,7 +72,7 @@ def read_points(message, layout):
     dt = point_times_ns(cloud, layout.point_time)
     if len(dt) and max(-dt.min(), dt.max()) > MAX_POINT_TIME_NS:
         raise MessageError(
-            f"points {max(-dt.min(), dt.max()) / 1e9:.1f} s from the stamp of their scan; "
+            f"points {max(-dt.min(), dt.max()) / NS_PER_S:.1f} s from the stamp of their scan; "
             "check point_time and the lidar's clock"
         )
     return stack_xyz(cloud).astype(np.float32), assign_beams(cloud, layout.beams), dt

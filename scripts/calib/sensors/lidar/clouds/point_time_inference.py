@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib.geometry.units import NS_PER_S
 from calib.io.status import MessageError
 
-NS_PER_UNIT = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+NS_PER_UNIT = {"s": NS_PER_S, "ms": 10**6, "us": 10**3, "ns": 1}
 TIME_ORIGIN_TEXTS = {
     "stamp": "after the stamp",
     "clock": "on the clock of the stamps",
@@ -25,7 +26,7 @@ MAX_SCAN_PERIODS = (
     1.5  # scan periods that a scan takes; a thousandth of that belongs to the next unit
 )
 MIN_EPOCH_TIME_S = 1e8  # s of any clock that began in 1970, and more than any relative time
-MAX_SAME_CLOCK_NS = 10**9  # a clock less than this from the stamps is theirs
+MAX_SAME_CLOCK_NS = NS_PER_S  # a clock less than this from the stamps is theirs
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,7 @@ def _infer_unit(field, clouds, values, period):
     for unit, ns in NS_PER_UNIT.items():
         if MIN_EPOCH_TIME_S < abs(
             first[0]
-        ) * ns / 1e9 < 100 * MIN_EPOCH_TIME_S and span < 1e-3 * abs(first[0]):
+        ) * ns / NS_PER_S < 100 * MIN_EPOCH_TIME_S and span < 1e-3 * abs(first[0]):
             return unit
     fits = [
         u
@@ -166,7 +167,7 @@ def _describe_clock_difference(origin, clouds, field, unit):
     if origin not in ("first", "last"):
         return ""
     ahead = [_field_to_ns(c, field, unit).min() - c.stamp_ns for c, _ in clouds]
-    ahead = np.median(ahead) / 1e9
+    ahead = np.median(ahead) / NS_PER_S
     tai = ": TAI for UTC, set the driver's offset" if abs(abs(ahead) - 37) < 1 else ""
     return f"; that clock is {ahead:+.3f} s from the stamps{tai}"
 
