@@ -67,7 +67,7 @@ ROBOT = """\
   <transmission name="t"><joint name="wheel_joint"><origin xyz="7 7 7"/></joint></transmission>
 </robot>
 
-"""  # noqa: E501
+"""
 T_BASE_LIDAR = pose_from_rpy([0.31, 0.02, 0.64], [0.02, -0.03, 0.25])
 T_BASE_CAMERA = pose_from_rpy([0.4, -0.1, 0.6], [-1.6, 0.03, -1.5])
 
