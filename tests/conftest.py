@@ -25,25 +25,25 @@ def finished_run_copy(finished_run, tmp_path):
 @pytest.fixture
 def report_files(tmp_path):
     """Inputs of the report of a good run."""
-    import reporting  # takes a second, which other tests should not pay
+    from helpers.report_inputs import ReportInputs  # takes a second that other tests should not pay
 
-    return reporting.ReportInputs(tmp_path)
+    return ReportInputs(tmp_path)
 
 
 @pytest.fixture
 def skip_figures(monkeypatch):
     """Figures are named but not drawn, which takes most of the time."""
-    import reporting
+    from helpers.report_inputs import disable_figures
 
-    reporting.disable_figures(monkeypatch)
+    disable_figures(monkeypatch)
 
 
 @pytest.fixture(scope="module")
 def good_report_folder(tmp_path_factory):
     """The folder with all that the report of a good run writes."""
-    import reporting
+    from helpers.report_inputs import write_good_report
 
-    return reporting.write_good_report(tmp_path_factory.mktemp("good"))
+    return write_good_report(tmp_path_factory.mktemp("good"))
 
 
 @pytest.fixture(scope="module")

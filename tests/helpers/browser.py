@@ -64,7 +64,7 @@ class Browser:
 
     def __exit__(self, *_):
         self._process.kill()
-        self._process.wait_for_event()
+        self._process.wait()
         os.close(self._command_pipe)
         os.close(self._answer_pipe)
 

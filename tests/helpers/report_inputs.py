@@ -25,7 +25,6 @@ from calib.io.table_schemas import (
 from calib.report.data import run_data
 from calib.report.figures import rig_figure, svg_plots
 from calib.report.figures.svg_plots import Drawing
-from calib.report.page import pdf_page
 from calib.sensors.camera.images.image_messages import encode_png
 from calib.sensors.sensor_models import camera_from_config
 from calib.targets.target_shapes import target_from_config
@@ -485,7 +484,7 @@ class ReportInputs:
 
     def render_report(self):
         """The page as it stands; printing it would take most of the time."""
-        with patch.object(pdf_page, "to_pdf", return_value=b"%PDF"):
+        with patch.object(report, "encode_pdf", return_value=b"%PDF"):
             report.main(self.write_inputs())
         return (self.folder / "report.html").read_text()
 
@@ -509,9 +508,9 @@ def extract_page_text(page):
 def disable_figures(monkeypatch):
     """Name figures but do not draw them."""
 
-    def drawing(fig, name, label, caption, span=1):
+    def drawing(fig, name, label, caption, column_span=1):
         svg = f'<svg viewBox="0 0 1 1" aria-label="{label}"></svg>'
-        return Drawing(svg, None, caption, "", span)
+        return Drawing(svg, None, caption, "", column_span)
 
     monkeypatch.setattr(
         svg_plots, "create_panels", lambda n, *_, **__: (MagicMock(), [MagicMock()] * len(n))

@@ -167,5 +167,5 @@ def test_suspicions_are_told_with_rivals_effect_and_remedy(report_files, skip_fi
 def test_placements_left_out_and_measurements_left_out_are_counted(report_files, skip_figures):
     said = extract_page_text(report_files.render_report())
     assert "left 2 2 0.57 1.1 3.7 0.021 1 (board) cannot be spared; 0 (board) 1.4 σ" in said
-    assert "board corner 70 7 (10 %) before the surface" in said
+    assert "board pattern_corner 70 7 (10 %) before the surface" in said
     assert "σ against the number of placements" in said

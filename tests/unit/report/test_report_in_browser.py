@@ -27,7 +27,7 @@ def opened(browser, good_report_folder):
     """The browser with the report of a good run open, and nothing noted before."""
     browser.requested_urls.clear()
     browser.page_errors.clear()
-    browser.open(good_report_folder / "report.html")
+    browser.open_page(good_report_folder / "report.html")
     return browser
 
 
@@ -43,7 +43,7 @@ def test_a_request_that_leaves_and_an_error_would_be_noticed(browser, tmp_path):
     page.write_text('<img src="http://127.0.0.1:1/x.png"><script>throw Error("wrong")</script>')
     browser.requested_urls.clear()
     browser.page_errors.clear()
-    browser.open(page)
+    browser.open_page(page)
     assert any(url.startswith("http:") for url in browser.requested_urls)
     assert any("wrong" in said for said in browser.page_errors)
 
@@ -76,7 +76,7 @@ def test_the_3d_view_is_drawn_and_turns_to_the_first_guess(opened):
 
 def test_without_webgl_the_still_picture_stays(good_report_folder, tmp_path):
     with Browser(tmp_path, "--disable-3d-apis") as without:
-        without.open(good_report_folder / "report.html")
+        without.open_page(good_report_folder / "report.html")
         assert without.evaluate_js('document.createElement("canvas").getContext("webgl")') is None
         assert not without.evaluate_js('document.getElementById("scene-still").hidden')
         assert without.evaluate_js('document.getElementById("scene-view").hidden')
@@ -131,7 +131,7 @@ CONTRAST = """() => {
 @pytest.mark.parametrize("dark", [False, True])
 def test_text_is_legible_in_both_themes(browser, good_report_folder, dark):
     """Contrast by WCAG: 4.5 or more of all text, also of that in figures."""
-    browser.open(good_report_folder / "report.html", dark=dark)
+    browser.open_page(good_report_folder / "report.html", dark=dark)
     ratio, where = browser.evaluate_js(f"({CONTRAST})()")
     assert ratio >= 4.5, where
 
@@ -146,7 +146,7 @@ def test_the_theme_can_be_chosen(opened):
 
 
 def test_a_phone_never_scrolls_sideways(browser, good_report_folder):
-    browser.open(good_report_folder / "report.html", width=390, height=844, mobile=True)
+    browser.open_page(good_report_folder / "report.html", width=390, height=844, mobile=True)
     assert browser.evaluate_js("document.documentElement.scrollWidth") == 390
 
 

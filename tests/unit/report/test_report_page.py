@@ -54,7 +54,7 @@ def test_sections_come_in_order(good_report_page):
         "3 × repeated",
         "not kept: 1 not still",
         "widened by a factor of 1.25",
-        "left corner 0.05 0.04 px 0.8",
+        "left pattern_corner 0.05 0.04 px 0.8",
         "s1, view 0: board, placement 0",
         "s1.mcap 123456 00ffab",
         "numpy 2.4.6",
