@@ -48,12 +48,13 @@ def read_moving_views(sensor, frames, poses, guess, read_content, options):
     """Rows of moving_views.parquet; poses: columns of mocap.parquet."""
     blocks = options["targets"]
     known = mounts_from_guess(blocks, guess)
-    bodies = {n: blocks[n]["body"] for n in known if blocks[n]["method"] == "surface"}
+    targets = {n: target_from_config(blocks[n]) for n in known}
+    bodies = {n: blocks[n]["body"] for n in known if targets[n].uses_exact_surface}
     paths = target_trajectories(poses, options["body"], bodies, options["max_gap_s"])
     margin = options["crop"]["margin_sigma"] * np.array(guess["sigma"])
     rows = []
     for name, path in paths.items():
-        target = target_from_config(blocks[name])
+        target = targets[name]
         given = path, frames["stamp_ns"], known[name], guess, margin, options["crop"]
         for i, where, wide in select_moving_views(sensor, target, *given):
             place = frames["stamp_ns"][i], (-np.inf, np.inf), target, where, wide

@@ -126,7 +126,7 @@ def candidate_placements(setup, result, sensor, options):
         by_target.setdefault(setup.placements[k].target, []).append(k)
     for name, own in sorted(by_target.items()):
         target = setup.targets[name]
-        if target.point_template is not None:
+        if not target.uses_exact_surface:
             continue
         T = np.stack([pose_chain.T_sensor_target(setup, state, sensor, k) for k in own])
         limits = min(heights), max(heights)

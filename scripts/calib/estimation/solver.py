@@ -219,7 +219,7 @@ def estimate_mocap_factor(setup, state, posterior):
     would pass for an error of the MCS.
     """
     still = setup.placements[: setup.n_still]
-    exact = np.array([setup.targets[p.target].point_template is None for p in still], bool)
+    exact = np.array([setup.targets[p.target].uses_exact_surface for p in still], bool)
     counts = np.zeros(len(setup.mocap_sigma), bool)
     counts[setup.robot_error_index[: setup.n_still]] = counts[
         setup.body_error_index[: setup.n_still]

@@ -101,7 +101,7 @@ def extract_color_contour(context, views, i, image, T_robot_sensor=None):
     if not status.ok:
         return None, status
     edges, on_limb = found.edges, np.flatnonzero(found.side)
-    if target.point_template:
+    if not target.uses_exact_surface:
         index, sigma = np.zeros(len(edges.uv)), edges.sigma
         return make_keypoint_columns(
             views, i, "template_silhouette", index, uv=edges.uv, sigma=sigma

@@ -56,7 +56,7 @@ def extract_lidar_keypoints(context, views):
     laid = {
         i: extract_template_keypoints(context, views, i, _view_points(views, i), rows, T)
         for i, rows in found.items()
-        if context.targets[views["target"][i]].point_template
+        if not context.targets[views["target"][i]].uses_exact_surface
     }
     return iterate_working_pose(
         context,
@@ -83,7 +83,7 @@ def find_target_returns(context, views):
         )
         if status.ok:
             found[i] = rows
-            done |= set() if target.point_template else {placement}
+            done |= {placement} if target.uses_exact_surface else set()
         outcomes.append((int(views["view"][i]), status))
     return found, outcomes
 
@@ -119,7 +119,7 @@ def lidar_keypoints_at_pose(context, views, T_robot_sensor, template_fits, outco
     parts, out = [], []
     for i in np.flatnonzero(views["kept"]):
         number, columns, status = int(views["view"][i]), [], counts[i]
-        if status.ok and context.targets[views["target"][i]].point_template:
+        if status.ok and not context.targets[views["target"][i]].uses_exact_surface:
             part, status = template_fits.get(i, (None, before[number]))
             columns = [part] if status.ok else []
         elif status.ok:

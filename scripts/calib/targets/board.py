@@ -35,6 +35,11 @@ class Board:
         return cls(vertices, config["thickness_m"], pattern, has_config_outline=stated)
 
     @property
+    def uses_exact_surface(self) -> bool:
+        """Whether measurements are compared with the exact surface, not with template points."""
+        return self.point_template is None
+
+    @property
     def centre(self):
         return np.append((self.vertices.min(0) + self.vertices.max(0)) / 2, 0.0)
 

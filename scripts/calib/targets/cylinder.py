@@ -33,6 +33,11 @@ class Cylinder:
         return cls(config["length_m"], config["radius_m"], color)
 
     @property
+    def uses_exact_surface(self) -> bool:
+        """Whether measurements are compared with the exact surface, not with template points."""
+        return self.point_template is None
+
+    @property
     def centre(self):
         return np.zeros(3)
 

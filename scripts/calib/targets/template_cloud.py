@@ -19,6 +19,7 @@ class TemplateCloud:
     pattern = None
     color = None
     symmetry_axes = ()
+    uses_exact_surface = False
 
     @classmethod
     def from_config(cls, config):

@@ -164,7 +164,7 @@ def _assess_targets(session, assumed_pose, frames, block, options, has_measureme
             for margin in (np.zeros(6), by.margin)
         )
         moving = 0
-        if has_measurement_time and config["method"] == "surface":
+        if has_measurement_time and shape.uses_exact_surface:
             moving = _count_moving_views(
                 by, shape, paths[name], frames, mounts.get(name), block, options
             )

@@ -59,7 +59,7 @@ class Correction:
         target = place.target
         if self.is_per_session:
             return self.subject == place.session
-        exact = setup.targets[target].point_template is None and (
+        exact = setup.targets[target].uses_exact_surface and (
             group.is_moving or not self.is_moving_only
         )
         concerned = not self.kinds or group.kind in self.kinds

@@ -16,7 +16,7 @@ SHIFT_CUT_SHARES = (0.25, 0.5, 0.75)  # of the placements, after which it may ha
 def make_slip_corrections(setup):
     """A target that sits elsewhere in its MCS body from some placement on: its markers were
     knocked, or it slipped in its holder."""
-    exact = {n for n, target in setup.targets.items() if target.point_template is None}
+    exact = {n for n, target in setup.targets.items() if target.uses_exact_surface}
     for (session, name), starts in sorted(_placement_starts(setup, lambda g, p: p.target).items()):
         if name in exact:
             remedy = f"see whether {name} or its markers were knocked then"

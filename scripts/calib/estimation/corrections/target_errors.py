@@ -30,7 +30,7 @@ def _targets_with_attribute(setup, attribute):
     return [
         (n, t)
         for n, t in found
-        if t.point_template is None and getattr(t, attribute, None) is not None
+        if t.uses_exact_surface and getattr(t, attribute, None) is not None
     ]
 
 

@@ -93,7 +93,7 @@ def trace_target_outline(target):
         ends = [np.column_stack([np.full(N_CIRCLE_CORNERS, x), ring]) for x in (-half, half)]
         quarters = range(0, N_CIRCLE_CORNERS - 1, N_CIRCLE_CORNERS // 4)
         return ends + [np.stack([ends[0][i], ends[1][i]]) for i in quarters]
-    low, high = target.point_template.xyz.min(0), target.points.template.max(0)
+    low, high = target.point_template.xyz.min(0), target.point_template.xyz.max(0)
     return [np.array([low, high])]
 
 
