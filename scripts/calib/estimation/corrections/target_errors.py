@@ -28,9 +28,7 @@ def _targets_with_attribute(setup, attribute):
     used = sorted({setup.placements[g.placement].target for g in setup.groups})
     found = [(n, setup.targets[n]) for n in used]
     return [
-        (n, t)
-        for n, t in found
-        if t.uses_exact_surface and getattr(t, attribute, None) is not None
+        (n, t) for n, t in found if t.uses_exact_surface and getattr(t, attribute, None) is not None
     ]
 
 
