@@ -109,7 +109,7 @@ def main(argv=None):
     for r in result.rounds:
         logger.info(
             "round %(round)d: cost %(cost).6g, %(ipopt_iterations)d iterations, "
-            "%(members)d members, %(changed)d changed, step %(step_m).1e m %(step_rad).1e rad",
+            "%(n_inliers)d inliers, %(n_reassigned)d reassigned, step %(step_m).1e m %(step_rad).1e rad",
             r,
         )
     logger.info("settled" if result.has_converged else "not settled")

@@ -26,13 +26,17 @@ def polygon_contains(vertices, p):
     return inside
 
 
-def nearest_polygon_edge(vertices, p):
-    """Index (n,) of the outline edge nearest to p (n, 2), and the fraction (n,) along its line."""
+def nearest_polygon_edge(vertices, p, edge=None):
+    """Index (n,) of the outline edge nearest to p (n, 2), and the fraction (n,) along its line.
+
+    edge (n,): edges to use instead of the nearest.
+    """
     along = np.roll(vertices, -1, 0) - vertices
     offset = p[:, None, :] - vertices
     free = (offset * along).sum(-1) / (along * along).sum(-1)
-    clipped = np.clip(free, 0, 1)
-    edge = np.linalg.norm(offset - clipped[..., None] * along, axis=-1).argmin(1)
+    if edge is None:
+        clipped = np.clip(free, 0, 1)
+        edge = np.linalg.norm(offset - clipped[..., None] * along, axis=-1).argmin(1)
     return edge, free[np.arange(len(p)), edge]
 
 

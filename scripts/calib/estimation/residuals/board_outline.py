@@ -13,19 +13,20 @@ MIN_VERTEX_DISTANCE_M = 0.02  # a crossing nearer than this to a vertex may belo
 MIN_SCAN_ANGLE_SINE = 0.2  # an edge more parallel than this to the scan line fixes no crossing
 
 
-def assign(lidar, target, T_sensor_target, keypoints, options, noise):
+def assign(lidar, target, T_sensor_target, keypoints, options, noise, features=None):
     """Crossings of the outline, each with the edge nearest to where its ray meets the board.
 
     A crossing lies anywhere between two beams: σ is the step between them over √12, taken across
     the edge. Where the scans of a placement repeat a crossing they have its error in common. What
     the lidar's beams see an outline wider (rig.Lidar.widening) is taken off.
+    features (n,): edge of each crossing where it was assigned before, -1 for none.
     """
     T_target_sensor = invert_pose(T_sensor_target)
     ray = lidar.correct_rays(
         keypoints["xyz"], _intersect_board_plane(T_target_sensor, keypoints["xyz"])[1]
     )
     hit, ranges, cosine = _intersect_board_plane(T_target_sensor, ray)
-    index, fraction = nearest_polygon_edge(target.vertices, hit[:, :2])
+    index, fraction = nearest_polygon_edge(target.vertices, hit[:, :2], features)
     ends = target.outline_edges()[index]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     a, b = (transform_points(T_sensor_target, ends[:, k]) for k in (0, 1))

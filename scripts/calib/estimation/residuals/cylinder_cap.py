@@ -15,18 +15,22 @@ UNIT, MIN_SIGMA = "m", 1e-7
 DATA_COLUMNS = ("x", "y", "z", "end", "weight")
 
 
-def assign(lidar, target, T_sensor_target, keypoints, options, noise):
-    """Returns whose beams meet the end that faces the lidar within its rim; off along the beam."""
+def assign(lidar, target, T_sensor_target, keypoints, options, noise, features=None):
+    """Returns whose beams meet the end that faces the lidar within its rim; off along the beam.
+
+    features (n,): 1 for the end towards +x, 0 for the other, -1 where a return was assigned to
+    nothing before.
+    """
     p = lidar.correct_ranges(keypoints["xyz"], keypoints["feature_index"])
     ranges, q, beams = returns_in_target_frame(p, T_sensor_target)
-    end = -np.sign(beams[:, 0])
+    end = -np.sign(beams[:, 0]) if features is None else np.where(features > 0, 1.0, -1.0)
     gap, cosine = target.cap_distance_along_beam(q.T, beams.T, end)
     met = q + gap[:, None] * beams
     inside = target.radius - np.hypot(met[:, 1], met[:, 2])
     trust = taper_weight(cosine - options["min_cosine"], INCIDENCE_TAPER_COS)
     trust *= taper_weight(inside - options["edge_margin_m"], EDGE_TAPER_M)
     return Assignment(
-        candidate_feature=(end > 0).astype(int),
+        candidate_feature=(end > 0).astype(int) if features is None else features,
         geometric_weight=trust,
         repeat_group=(end > 0).astype(int),
         keypoint_sigma=keypoints["sigma"],

@@ -13,12 +13,12 @@ N_LIMB_PIECES = 8  # of a limb, each with an error of its own that every image r
 RAY_STEP_RAD = 1e-4  # between the rays from which the scale of the image is taken
 
 
-def assign(camera, target, T_sensor_target, keypoints, options, noise):
+def assign(camera, target, T_sensor_target, keypoints, options, noise, features=None):
     """Contour points on the side of the cylinder, away from its ends.
 
     A ray touches the cylinder when its distance from the axis is the radius, on the side (+1, -1)
     of the axis where the contour point was found. In pixels that is the distance of the point from
-    the projected limb.
+    the projected limb. features (n,): 0, or -1 where a point was assigned to nothing before.
     """
     ray, valid = camera.unproject(keypoints["uv"])
     axis, centre = T_sensor_target[:3, 0], T_sensor_target[:3, 3]
@@ -34,7 +34,7 @@ def assign(camera, target, T_sensor_target, keypoints, options, noise):
     value = gap * px_per_m
     trust = taper_weight(target.length / 2 - options["edge_margin_m"] - np.abs(along), END_TAPER_M)
     return Assignment(
-        candidate_feature=np.zeros(len(side), int),
+        candidate_feature=np.zeros(len(side), int) if features is None else features,
         geometric_weight=np.where(valid & (depth > 0), trust, 0.0),
         repeat_group=number_repeat_groups(side, _limb_piece_number(along / target.length)),
         keypoint_sigma=keypoints["sigma"],

@@ -10,17 +10,21 @@ from calib.estimation.residuals.assignment import Assignment
 from calib.geometry.se3 import invert_pose, transform_points
 
 
-def assign_nearest_points(tree, T_sensor_target, keypoints, options, noise, shift):
+def assign_nearest_points(tree, T_sensor_target, keypoints, options, noise, shift, features=None):
     """Measured points, each with the nearest of the tree's points (m, 3), target frame.
 
     shift (3,): by which the measured points are moved, in the target frame, for the search alone.
+    features (n,): point of each where it was assigned before, -1 for none.
     """
     p = keypoints["xyz"]
     q = transform_points(invert_pose(T_sensor_target), p)
-    distance, near = tree.query(q + shift)
-    reach = options["gate_sigma"] * noise.total * keypoints["sigma"]
+    near = features
+    if features is None:
+        distance, near = tree.query(q + shift)
+        reach = options["gate_sigma"] * noise.total * keypoints["sigma"]
+        features = np.where(distance < reach, near, -1)
     return Assignment(
-        candidate_feature=np.where(distance < reach, near, -1),
+        candidate_feature=features,
         geometric_weight=np.ones(len(p)),
         repeat_group=np.arange(len(p)),
         keypoint_sigma=keypoints["sigma"],
@@ -42,9 +46,9 @@ def centroid_shift(tree, T_sensor_target, keypoints):
 def make_nearest_point_assigns(get_tree):
     """(assign, first) of a kind whose measurements belong to points of tree_of(target)."""
 
-    def assign_to(lidar, target, T_sensor_target, keypoints, options, noise):
+    def assign_to(lidar, target, T_sensor_target, keypoints, options, noise, features=None):
         return assign_nearest_points(
-            get_tree(target), T_sensor_target, keypoints, options, noise, 0.0
+            get_tree(target), T_sensor_target, keypoints, options, noise, 0.0, features
         )
 
     def first(lidar, target, T_sensor_target, keypoints, options, noise):

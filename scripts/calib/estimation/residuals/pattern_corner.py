@@ -11,19 +11,17 @@ UNIT, MIN_SIGMA = "px", 1e-3
 DATA_COLUMNS = ("u", "v", "x", "y", "z", "a", "b", "c", "weight")
 
 
-def assign(camera, target, T_sensor_target, keypoints, options, noise):
+def assign(camera, target, T_sensor_target, keypoints, options, noise, features=None):
     """Corners of each view numbered as the labelling that fits the prediction best.
 
     The offset common to a view is ignored, because a wrong guess shifts the whole pattern first;
-    a view whose best two labellings fit nearly alike is left out.
+    a view whose best two labellings fit nearly alike is left out. features (n,): corner of each
+    measurement where it was assigned before, -1 for none.
     """
     corners = target.pattern.corners()
     uv, valid = camera.project(transform_points(T_sensor_target, corners))
     n = len(keypoints["view"])
-    corner = np.full(n, -1)
-    for view in np.unique(keypoints["view"]):
-        rows = np.flatnonzero(keypoints["view"] == view)
-        corner[rows] = _choose_labelling(target.pattern, uv, keypoints, rows)
+    corner = _choose_corners(target.pattern, uv, keypoints) if features is None else features
     at, whiten = corners[corner], keypoints["whitening"]
     cosine = target.check_facing(invert_pose(T_sensor_target)[:3, 3])[1]
     return Assignment(
@@ -39,6 +37,15 @@ def assign(camera, target, T_sensor_target, keypoints, options, noise):
         gate_sigma=options["gate_sigma"],
         whitening=whiten,
     )
+
+
+def _choose_corners(pattern, predicted, keypoints):
+    """Corner (n,) of each measurement, or -1 in a view whose best two labellings fit alike."""
+    corner = np.full(len(keypoints["view"]), -1)
+    for view in np.unique(keypoints["view"]):
+        rows = np.flatnonzero(keypoints["view"] == view)
+        corner[rows] = _choose_labelling(pattern, predicted, keypoints, rows)
+    return corner
 
 
 def _choose_labelling(pattern, predicted, keypoints, rows):

@@ -5,9 +5,10 @@ A kind is one module with
   ROUNDING        of the data, in UNIT: below it no noise is estimated. None where σ is no noise but
                   the step of a scan pattern, which can only turn out larger;
   DATA            names of one measurement's numbers, the last of which is 1/σ: 0 takes it out;
-  assign(model, target, T_sensor_target, keypoints, options, noise) -> Assignment
+  assign(model, target, T_sensor_target, keypoints, options, noise, features=None) -> Assignment
                   of keypoints (columns) of one sensor, its Camera or rig.Lidar, in one placement;
-                  noise: the present Noise, in units of the keypoints' own σ;
+                  noise: the present Noise, in units of the keypoints' own σ; features (n,): of each
+                  measurement where it was assigned before (stage associate), -1 for none;
   residual(model, target) -> function of R (3, 3) and t (3), of T_sensor_target, and of the numbers:
                   a CasADi expression in units of σ;
   first           as assign, where the very first pass differs.

@@ -15,12 +15,13 @@ EDGE_TAPER_M, INCIDENCE_TAPER_COS = (
 )  # over which the weight of a return fades in from a limit
 
 
-def assign(lidar, target, T_sensor_target, keypoints, options, noise):
+def assign(lidar, target, T_sensor_target, keypoints, options, noise, features=None):
     """Returns that lie on the target: over its surface, near it, and not at a grazing angle.
 
     The residual is along the beam, where the noise is: a distance across the surface would shrink,
     and with it the cost, when the target turns away, however true. Towards the rim and towards
     grazing a return loses its weight, so that nothing jumps when it comes or goes there.
+    features (n,): 0, or -1 where a return was assigned to nothing before.
     """
     p = lidar.correct_ranges(keypoints["xyz"], keypoints["feature_index"])
     ranges, q, beams = returns_in_target_frame(p, T_sensor_target)
@@ -30,7 +31,7 @@ def assign(lidar, target, T_sensor_target, keypoints, options, noise):
     met = q + gap[:, None] * beams
     trust *= taper_weight(target.distance_inside_rim(met) - options["edge_margin_m"], EDGE_TAPER_M)
     return Assignment(
-        candidate_feature=np.zeros(len(p), int),
+        candidate_feature=np.zeros(len(p), int) if features is None else features,
         geometric_weight=trust,
         repeat_group=number_repeat_groups(keypoints["feature_index"]),
         keypoint_sigma=keypoints["sigma"],

@@ -14,9 +14,16 @@ MAX_RASTER_CELLS = 4000  # along the raster
 ISOTROPIC_WHITENING = (1.0, 0.0, 1.0)  # u and v are: the corner's whitening
 
 
-def assign(camera, target, T_sensor_target, keypoints, options, noise):
-    """Every contour pixel with the nearest point of the silhouette at the current pose."""
-    return _assign_silhouette(camera, target, T_sensor_target, keypoints, options, noise, 0.0)
+def assign(camera, target, T_sensor_target, keypoints, options, noise, features=None):
+    """Every contour pixel with the nearest point of the silhouette at the current pose.
+
+    features (n,): template point of each where it was assigned before, -1 for none.
+    """
+    if features is None:
+        return _assign_silhouette(camera, target, T_sensor_target, keypoints, options, noise, 0.0)
+    predicted, _ = camera.project(transform_points(T_sensor_target, target.point_template.xyz))
+    offset = keypoints["uv"] - predicted[features]
+    return _make_assignment(target, T_sensor_target, keypoints, options, noise, features, offset)
 
 
 def assign_first(camera, target, T_sensor_target, keypoints, options, noise):
@@ -35,6 +42,11 @@ def _assign_silhouette(camera, target, T_sensor_target, keypoints, options, nois
         distance, near = cKDTree(uv).query(keypoints["uv"] + shift)
         value = keypoints["uv"] - uv[near]
         point = np.where(distance < reach, outline[near], -1)
+    return _make_assignment(target, T_sensor_target, keypoints, options, noise, point, value)
+
+
+def _make_assignment(target, T_sensor_target, keypoints, options, noise, point, value):
+    n = len(point)
     at = target.point_template.xyz[point]
     return Assignment(
         candidate_feature=point,
