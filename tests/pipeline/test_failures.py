@@ -201,7 +201,7 @@ def test_a_wrong_key_is_refused_with_its_path_and_the_nearest_name(finished_run_
     text = run.stdout + run.stderr
     assert run.returncode == 1
     assert "config/rigs/sim.yaml: sensors.velodyne: unknown key range_sigma" in text
-    assert "did you mean range_sigma_m?" in text
+    assert "Did you mean range_sigma_m?" in text
 
 
 def test_a_failed_verdict_removes_stale_exports_and_says_why_last(finished_run_copy):

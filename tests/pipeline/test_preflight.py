@@ -139,7 +139,7 @@ def test_a_sensor_that_is_not_in_the_log_is_named_and_the_other_is_calibrated(co
     assert (code, found["levels"]) == (0, {"camera": "fail", "velodyne": "pass"})
     assert "sim: 1 sensor can be calibrated, not camera" in terminal
     assert "fail: camera: topic /camera/image is not in the log" in terminal
-    assert "did you mean /camera/image_raw?" in terminal
+    assert "Did you mean /camera/image_raw?" in terminal
 
 
 def test_a_body_that_the_motion_capture_does_not_know_stops_all_and_is_told_once(copied):

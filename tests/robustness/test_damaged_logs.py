@@ -147,7 +147,7 @@ def test_a_message_that_is_not_defined_as_ros_does_it_is_a_fault_of_its_own():
         (read_raw_cloud, "sensor_msgs/msg/LaserScan"),
         (read_bgr, IMAGE_TYPE),
     ):
-        with pytest.raises(MessageError, match=f"{kind} is not defined as ROS does it"):
+        with pytest.raises(MessageError, match=f"{kind}: its definition differs from that of ROS"):
             module(SimpleNamespace(__msgtype__=kind))
 
 

@@ -1,14 +1,12 @@
 """The bodies of motion capture in the map, from the streams of a log, and their audit."""
 
-import difflib
-
 import numpy as np
 
 from calib.decoding.decoded_log import median_rate_hz, mocap_topics
 from calib.decoding.sensor_audit import missing_topic_status
 from calib.geometry.units import NS_PER_S
 from calib.io.parquet_tables import concatenate_columns
-from calib.io.status import OK, failure_status
+from calib.io.status import OK, did_you_mean, failure_status
 from calib.io.table_schemas import MOCAP_SCHEMA
 from calib.mocap.body_frame_chains import bodies_in_map
 from calib.mocap.messages.pose_messages import POSE_READERS
@@ -104,7 +102,7 @@ def _missing_body_status(name, poses, recording, log, mocap_config):
     known = [t for t in topics if t in log.topics]
     reason = f"MCS body {name} is not in the log"
     if not known:
-        status = missing_topic_status(sorted(topics)[0], log.topics, "check `mocap.topics`")
+        status = missing_topic_status(sorted(topics)[0], log.topics, "Check `mocap.topics`.")
         return failure_status(
             f"{reason}: {status.reason}", status.found, status.expected, status.remedy
         )
@@ -122,7 +120,6 @@ def _missing_body_status(name, poses, recording, log, mocap_config):
         found = f"it is given in {' and '.join(parents)}, which nothing connects to {mocap_config['map']}"
         return failure_status(reason, found, remedy=f"Set `mocap.map` to {parents[0]}.")
     seen = sorted({*poses["body"].tolist(), *recording.streams.parents_by_body})
-    near = difflib.get_close_matches(name, seen, 1)
-    remedy = "check `body`, `mocap.topics` and `mocap.map`, the parent frame of the poses"
+    remedy = "Check `body`, `mocap.topics` and `mocap.map`, the parent frame of the poses."
     found = f"bodies {', '.join(seen) or 'none'}"
-    return failure_status(reason, found, name, f"did you mean {near[0]}?" if near else remedy)
+    return failure_status(reason, found, name, did_you_mean(name, seen) or remedy)

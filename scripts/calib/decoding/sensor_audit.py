@@ -1,6 +1,5 @@
 """What the audit of a log says of one sensor."""
 
-import difflib
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -8,7 +7,7 @@ import numpy as np
 from calib.decoding.decoded_log import median_rate_hz
 from calib.decoding.sensor_probe import PROBE_BY_KIND
 from calib.geometry.units import NS_PER_S
-from calib.io.status import OK, failure_status
+from calib.io.status import OK, did_you_mean, failure_status
 
 
 def audit_sensor(name, recording, topics, columns, clocks):
@@ -37,7 +36,7 @@ def _topic_status(sensor, topics, messages, first_error):
     """Ok, or why a sensor's topic gives nothing; first_error: the fault of its first unreadable message."""
     topic, kind = sensor["topic"], PROBE_BY_KIND[sensor["kind"]]
     if topic not in topics:
-        return missing_topic_status(topic, topics, "check the sensor's `topic`")
+        return missing_topic_status(topic, topics, "Check the sensor's `topic`.")
     if topics[topic][0] not in kind.message_types:
         return _wrong_type_status(sensor, kind, topics[topic][0])
     if messages == 0 and first_error:
@@ -59,10 +58,10 @@ def describe_unreadable_messages(recording):
 
 def missing_topic_status(topic, topics, remedy):
     """The status of a topic that is not in the log, with the nearest that is."""
-    near = difflib.get_close_matches(topic, topics, 1)
     found = ", ".join(sorted(topics)) or "no topic at all"
-    remedy = f"did you mean {near[0]}?" if near else remedy
-    return failure_status(f"topic {topic} is not in the log", found, topic, remedy)
+    return failure_status(
+        f"topic {topic} is not in the log", found, topic, did_you_mean(topic, topics) or remedy
+    )
 
 
 def _wrong_type_status(sensor, probe, found_type):

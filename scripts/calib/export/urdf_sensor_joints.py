@@ -1,13 +1,11 @@
 """Where joints of a robot's URDF must be for the sensors to sit where the calibration has them."""
 
-import difflib
-
 import numpy as np
 
 from calib.export.calibrated_scene import T_BODY_OPTICAL
 from calib.geometry.frame_graph import lookup_transform
 from calib.geometry.se3 import invert_pose, rotation_angle
-from calib.io.status import failure_status
+from calib.io.status import did_you_mean, failure_status
 from calib.io.urdf_file import fixed_joint_transforms
 
 MAX_CONVENTION_TURN_RAD = (
@@ -73,8 +71,8 @@ def _find_sensor_joint(sensor, by_child, joint_origins):
 
 
 def _missing_joint_status(frame, joints):
-    near = difflib.get_close_matches(frame, [j.child for j in joints], 1)
-    remedy = f"Did you mean {near[0]}?" if near else "Add a link and a fixed joint of that name."
+    remedy = did_you_mean(frame, [j.child for j in joints])
+    remedy = remedy or "Add a link and a fixed joint of that name."
     return failure_status(
         f"no joint has the child link {frame}", "", "the frame of its messages", remedy
     )

@@ -3,7 +3,6 @@
 Defaults live in the schemas alone. An unknown key is refused with its path and the nearest name.
 """
 
-import difflib
 import hashlib
 from functools import cache
 from pathlib import Path
@@ -12,7 +11,7 @@ import jsonschema
 import yaml
 
 from calib.io.safe_yaml import load_yaml
-from calib.io.status import InputError
+from calib.io.status import InputError, did_you_mean
 
 SCHEMA_FOLDER = Path(__file__).parents[3] / "workflow" / "schemas"
 MAX_MESSAGE_CHARS = 500  # characters of what is said of a wrong value, which may be long itself
@@ -89,7 +88,7 @@ def _explain_error(error):
         allowed = sorted(error.schema.get("properties", {}))
         # YAML reads 007, on and 2026-03-01 as keys that are no text.
         unknown = sorted(str(k) for k in error.instance if k not in allowed)[0]
-        return f"{path}: unknown key {unknown}; {_suggest_name(unknown, allowed)}"
+        return f"{path}: unknown key {unknown}. {_suggest_name(unknown, allowed)}"
     if error.validator == "required":
         missing = sorted(set(error.validator_value) - set(error.instance))
         return f"{path}: missing key {missing[0]}"
@@ -138,7 +137,7 @@ def _load_rig(path):
         named["export.parent"] = [export["parent"]["sensor"]]
     for key, names in named.items():
         for name in sorted(set(names) - set(sensors)):
-            raise InputError(f"{path}: {key}: no sensor {name}; {_suggest_name(name, sensors)}")
+            raise InputError(f"{path}: {key}: no sensor {name}. {_suggest_name(name, sensors)}")
     return rig
 
 
@@ -171,7 +170,7 @@ def _select_names(wanted, available, session, key, folder):
     for name in wanted or ():
         if name not in available:
             raise InputError(
-                f"{folder}/config.yaml: sessions.{session}.{key}: no {name} there; "
+                f"{folder}/config.yaml: sessions.{session}.{key}: no {name} there. "
                 + _suggest_name(name, available)
             )
     return sorted(wanted or available)
@@ -179,5 +178,4 @@ def _select_names(wanted, available, session, key, folder):
 
 def _suggest_name(name, available):
     """What to say of a name that is not among those known."""
-    near = difflib.get_close_matches(name, available, 1)
-    return f"did you mean {near[0]}?" if near else f"known: {', '.join(sorted(available))}"
+    return did_you_mean(name, available) or f"Known: {', '.join(sorted(available))}"

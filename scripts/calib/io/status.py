@@ -1,21 +1,29 @@
-"""How a fault of the data travels: as data, never as an exception."""
+"""Faults as data: the status of what failed, and the errors that end a job or drop a message."""
 
+import difflib
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from typing import Any
 from unicodedata import category
+
+MAX_ERROR_CHARS = 200
 
 
 class InputError(Exception):
-    """Unreadable input or a wrong config: the one thing that ends a job, in words for its user."""
+    """Unreadable input or a wrong config; its message tells the user what to do.
+
+    The only exception that ends a job without a trace.
+    """
 
 
 class MessageError(InputError):
-    """One message that cannot be read, in words with the remedy: the others may be well."""
+    """A message of a log that cannot be read. The other messages are still used."""
 
 
 @dataclass(frozen=True)
 class Status:
-    """Whether a thing could be done; if not why, what was found, what was expected, what to do."""
+    """Whether a step succeeded; if not: why, what was found and expected, and what to do."""
 
     ok: bool = True
     reason: str = ""
@@ -23,14 +31,16 @@ class Status:
     expected: str = ""
     remedy: str = ""
 
-    def to_dict(self):
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields as written into JSON."""
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, d):
-        return cls(**d)
+    def from_dict(cls, block: dict[str, Any]) -> "Status":
+        """Read the fields written by `to_dict`."""
+        return cls(**block)
 
-    def __str__(self):
+    def __str__(self) -> str:
         if self.ok:
             return "ok"
         parts = [self.reason]
@@ -41,35 +51,45 @@ class Status:
 OK = Status()
 
 
-def failure_status(reason, found="", expected="", remedy=""):
-    """A status that is not ok."""
-    return Status(False, reason, str(found), str(expected), remedy)
+def failure_status(
+    reason: str, found: object = "", expected: object = "", remedy: str = ""
+) -> Status:
+    """Return a status that is not ok."""
+    return Status(ok=False, reason=reason, found=str(found), expected=str(expected), remedy=remedy)
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return "Did you mean X?" with the known name nearest to `name`, or "" if none is near."""
+    nearest = difflib.get_close_matches(name, list(known), n=1)
+    return f"Did you mean {nearest[0]}?" if nearest else ""
 
 
 @contextmanager
-def guard_message_fields(type_name):
-    """Raises MessageError where a message of the type so named lacks what its type should have: a
-    log brings its own definitions, and they may be damaged or of another version."""
+def guard_message_fields(type_name: str) -> Iterator[None]:
+    """Raise MessageError if a message lacks the fields that ROS defines for its type.
+
+    A log brings its own definitions; they may be damaged or of another version.
+    """
     try:
         yield
     except (AttributeError, TypeError, ValueError) as error:
         raise MessageError(
-            f"{type_name} is not defined as ROS does it ({summarize_error(error)})"
+            f"{type_name}: its definition differs from that of ROS ({summarize_error(error)})"
         ) from error
 
 
-def escape_control_characters(text):
-    """A text without what a terminal would obey: control and format characters are written out.
+def escape_control_characters(text: str) -> str:
+    """Return the text with control and format characters written out, for terminals and logs.
 
-    Names from a log or a config may hold any.
+    Names from a log or a config may hold any character.
     """
     return "".join(c if category(c)[0] != "C" or c == "\n" else _escape_character(c) for c in text)
 
 
-def _escape_character(character):
+def _escape_character(character: str) -> str:
     return character.encode("unicode_escape", "surrogatepass").decode()
 
 
-def summarize_error(error):
-    """What a library said of foreign bytes, short and without line breaks."""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:200]
+def summarize_error(error: BaseException) -> str:
+    """Return the type and message of a library's error in one line of limited length."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:MAX_ERROR_CHARS]

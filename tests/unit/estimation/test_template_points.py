@@ -223,9 +223,9 @@ def test_a_target_is_compared_with_its_surface_unless_it_says_otherwise():
     "target, words",
     [
         (ROD | {"points": {"keypoints": "corners"}}, "points.keypoints: 'all' was expected"),
-        (ROD | {"points": {"spacing": 1}}, "points: unknown key spacing; did you mean spacing_m?"),
+        (ROD | {"points": {"spacing": 1}}, "points: unknown key spacing. Did you mean spacing_m?"),
         (ROD | {"points": {"spacing_m": 0}}, "points.spacing_m: 0 is less than or equal to"),
-        (PLATE | {"points": {"sha256": "0"}}, "points: unknown key sha256; known: keypoints, "),
+        (PLATE | {"points": {"sha256": "0"}}, "points: unknown key sha256. Known: keypoints, "),
         (PLATE | {"points": {"keypoints": "edges"}}, "points.keypoints: 'edges' is not one of"),
         (PLATE | {"method": "icp"}, "method: 'icp' is not one of ['surface', 'points']"),
         (CLOUD, "t.yaml: top level: missing key points"),
@@ -240,7 +240,7 @@ def test_a_target_is_compared_with_its_surface_unless_it_says_otherwise():
         ),
         (
             CLOUD | {"points": {"template_file": "a.ply"}, "radius_m": 1},
-            "top level: unknown key radius_m; known: ",
+            "top level: unknown key radius_m. Known: ",
         ),
     ],
 )

@@ -461,13 +461,13 @@ def complete(**more):
         ({"guess_from": "none.urdf"}, "sim.yaml: guess_from: no file none.urdf in "),
         ({"export": {"urdf": "none.urdf"}}, "sim.yaml: export.urdf: no file none.urdf in "),
         ({"export": {"parent": {"sensor": "velodine"}}},
-         "sim.yaml: export.parent: no sensor velodine; did you mean velodyne?"),
+         "sim.yaml: export.parent: no sensor velodine. Did you mean velodyne?"),
         ({"export": {"body_frames": {"left": "x"}}},
-         "sim.yaml: export.body_frames: no sensor left; known: velodyne"),
+         "sim.yaml: export.body_frames: no sensor left. Known: velodyne"),
         ({"export": {"parent": {"frame": "base_link"}}},
          "export.parent: {'frame': 'base_link'}; expected Parent frame of the exports: frame with "
          "T_parent_robot"),
-        ({"export": {"parents": {}}}, "export: unknown key parents; did you mean parent?"),
+        ({"export": {"parents": {}}}, "export: unknown key parents. Did you mean parent?"),
     ],
 )  # fmt: skip
 def test_a_wrong_export_block_is_refused_before_anything_runs(tmp_path, more, words):

@@ -156,37 +156,37 @@ def test_every_default_of_every_schema_is_itself_valid():
         (
             "config",
             "sesions",
-            "config.yaml: top level: unknown key sesions; did you mean sessions?",
+            "config.yaml: top level: unknown key sesions. Did you mean sessions?",
         ),
-        ("config", "gate.windows_s", "gate: unknown key windows_s; did you mean window_s?"),
+        ("config", "gate.windows_s", "gate: unknown key windows_s. Did you mean window_s?"),
         (
             "config",
             "sessions.morning.sensor",
-            "sessions.morning: unknown key sensor; did you mean sensors?",
+            "sessions.morning: unknown key sensor. Did you mean sensors?",
         ),
         (
             "config",
             "solve.estimate.time_ofset",
-            "solve.estimate: unknown key time_ofset; did you mean time_",
+            "solve.estimate: unknown key time_ofset. Did you mean time_",
         ),
-        ("config", "zzz", "unknown key zzz; known: associate, crop, "),
-        ("rig", "mocapp", "rig.yaml: top level: unknown key mocapp; did you mean mocap?"),
-        ("rig", "mocap.maxgap_s", "mocap: unknown key maxgap_s; did you mean max_gap_s?"),
+        ("config", "zzz", "unknown key zzz. Known: associate, crop, "),
+        ("rig", "mocapp", "rig.yaml: top level: unknown key mocapp. Did you mean mocap?"),
+        ("rig", "mocap.maxgap_s", "mocap: unknown key maxgap_s. Did you mean max_gap_s?"),
         (
             "rig",
             "sensors.velodyne.azimut_step_deg",
-            "sensors.velodyne: unknown key azimut_step_deg; did",
+            "sensors.velodyne: unknown key azimut_step_deg. Did",
         ),
-        ("rig", "sensors.left.parms", "sensors.left: unknown key parms; did you mean params?"),
+        ("rig", "sensors.left.parms", "sensors.left: unknown key parms. Did you mean params?"),
         (
             "rig",
             "sensors.velodyne.T_robot_sensor.rpy",
             "sensors.velodyne.T_robot_sensor: unknown key rpy",
         ),
-        ("diamond", "tickness_m", "top level: unknown key tickness_m; did you mean thickness_m?"),
-        ("diamond", "pattern.square", "pattern: unknown key square; did you mean square_m?"),
-        ("cylinder", "radius", "top level: unknown key radius; did you mean radius_m?"),
-        ("cylinder", "color.hue", "color: unknown key hue; did you mean hue_deg?"),
+        ("diamond", "tickness_m", "top level: unknown key tickness_m. Did you mean thickness_m?"),
+        ("diamond", "pattern.square", "pattern: unknown key square. Did you mean square_m?"),
+        ("cylinder", "radius", "top level: unknown key radius. Did you mean radius_m?"),
+        ("cylinder", "color.hue", "color: unknown key hue. Did you mean hue_deg?"),
     ],
 )
 def test_an_unknown_key_is_refused_with_its_path_and_the_nearest_name(what, path, words):
@@ -213,7 +213,7 @@ def test_the_lens_comes_from_params_or_from_camera_info_never_from_both():
     [
         ({"unit": "min"}, "point_time.unit: 'min' is not one of ['s', 'ms', 'us', 'ns']"),
         ({"origin": "end"}, "point_time.origin: 'end' is not one of ['stamp', 'clock', 'first'"),
-        ({"feild": "stamp_ns"}, "point_time: unknown key feild; did you mean field?"),
+        ({"feild": "stamp_ns"}, "point_time: unknown key feild. Did you mean field?"),
         ({}, "point_time: {} should be non-empty"),
     ],
 )
@@ -411,10 +411,10 @@ def test_the_slices_of_a_loaded_rig_are_si_units(folder):
         (
             "sensors",
             "velodine",
-            "sessions.morning.sensors: no velodine there; did you mean velodyne?",
+            "sessions.morning.sensors: no velodine there. Did you mean velodyne?",
         ),
-        ("sensors", "radar", "sessions.morning.sensors: no radar there; known: left, velodyne"),
-        ("targets", "dimond", "sessions.morning.targets: no dimond there; did you mean diamond?"),
+        ("sensors", "radar", "sessions.morning.sensors: no radar there. Known: left, velodyne"),
+        ("targets", "dimond", "sessions.morning.targets: no dimond there. Did you mean diamond?"),
     ],
 )
 def test_a_session_that_names_what_is_not_there_is_refused(folder, key, name, words):

@@ -457,7 +457,7 @@ def test_a_topic_of_motion_capture_that_is_not_there_is_named_with_the_nearest(t
     audit, _ = recorded(tmp_path, make_container_rows("TFMessage"), topics=["/tff"])
     status = audit["bodies"][ROBOT_BODY]["status"]
     assert status["reason"] == "MCS body robot is not in the log: topic /tff is not in the log"
-    assert status["remedy"] == "did you mean /tf?"
+    assert status["remedy"] == "Did you mean /tf?"
 
 
 def test_a_body_whose_every_pose_is_a_fault_says_which(tmp_path):
