@@ -17,6 +17,7 @@ def calibration_json(solution, overall, reasons, levels):
     keep = ("kind", "frame", "status", "guess", "T_robot_sensor", "covariance", "weakest")
     keep += ("placements", "observations", "points", "rejected", "residual", "undetermined")
     keep += ("advice", "next_view", "left_out", "fit", "held_out", "predicted", "corrections")
+    keep += ("common_range_sigma_m",)
     keep += ("time_offset_s", "clock", "time_wander", "intrinsics", "lens")
     sensors = {
         name: {k: sensor[k] for k in keep} | {"verdict": levels[name]}

@@ -307,6 +307,7 @@ def make_sensor_result(sensor):
         "fit": {},
         "held_out": LEAVE_ONE_OUT_JSON,
         "corrections": [],
+        "common_range_sigma_m": None,
         "predicted": {
             "placements": [3, 6, 12],
             "sigma_m": [None, 0.004, 0.003],

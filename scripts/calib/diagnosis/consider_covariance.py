@@ -64,6 +64,11 @@ def unestimated_range_errors(setup, state):
     return out
 
 
+def common_range_sigmas(setup, state) -> dict[str, float]:
+    """Return the σ, m, of the range error common to all beams by lidar, where σ of the pose has it."""
+    return {h.subject: float(sigma) for h, sigma in unestimated_range_errors(setup, state)}
+
+
 def couple_correction(setup, state, assigned, parts, hypothesis):
     """(n, q): second derivatives of the cost by the unknowns and the numbers of a Hypothesis."""
     G = np.zeros((setup.n_unknowns, hypothesis.n_values))

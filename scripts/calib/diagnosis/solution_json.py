@@ -5,6 +5,7 @@ from importlib.metadata import version
 
 import numpy as np
 
+from calib.diagnosis.consider_covariance import common_range_sigmas
 from calib.diagnosis.leave_one_out import leave_one_out, sigma_by_placements_json
 from calib.diagnosis.model_selection import sensor_corrections_json
 from calib.diagnosis.observability import (
@@ -199,12 +200,15 @@ def sensor_tests_json(sensor, setup, result, leave_one_outs):
     """What a verdict asks of one sensor beside its pose; leave_one_outs: crossvalidation.Left, or none."""
     if sensor not in setup.models:
         none = {"tilt": {}, "fit": {}, "advice": "", "held_out": None, "predicted": None}
-        return none | {"corrections": []}
+        return none | {"corrections": [], "common_range_sigma_m": None}
     directions, _ = target_directions(sensor, setup, result)
     return {
         "tilt": direction_spread_deg(directions),
         "fit": fit_statistics(sensor, setup, result),
         "corrections": sensor_corrections_json(setup, result, sensor) if leave_one_outs else [],
+        "common_range_sigma_m": common_range_sigmas(setup, result.state).get(sensor)
+        if leave_one_outs
+        else None,
         "advice": recording_advice(sensor, setup, result),
         "held_out": leave_one_out_statistics(sensor, leave_one_outs),
         "predicted": sigma_by_placements_json(setup, result, sensor) if leave_one_outs else None,

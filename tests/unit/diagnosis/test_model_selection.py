@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.consider_covariance import with_consider_covariance
+from calib.diagnosis.consider_covariance import common_range_sigmas, with_consider_covariance
 from calib.diagnosis.model_selection import estimate_with_corrections, sensor_corrections_json
 from calib.estimation.corrections.correction_catalog import list_testable_corrections
 from calib.estimation.estimate_state import initial_state
@@ -130,6 +130,10 @@ def test_sigma_knows_what_beams_err_by_in_common_by_how_the_pose_would_follow():
     )
     np.testing.assert_allclose(grown, sigma**2 * np.outer(k, k), atol=0.05 * grown.max())
     assert grown[:3, :3].trace() > 0.0005**2
+    assert common_range_sigmas(made, result.state) == {"lidar": pytest.approx(sigma)}
+    bias = next(h for h in list_testable_corrections(made) if h.name == "range_bias")
+    with_bias = replace(made, corrections=(beams, bias))
+    assert common_range_sigmas(with_bias, result.state) == {}
 
 
 # --- the programme with such numbers

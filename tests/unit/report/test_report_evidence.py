@@ -48,19 +48,14 @@ def test_estimated_unknowns_are_told(report_files, skip_figures):
     assert "nothing tells its turn about z; tilt it to more sides" in said
 
 
-def test_what_all_beams_may_be_off_by_is_told_where_single_ones_were_found_to_be_off(
+def test_the_range_error_common_to_all_beams_is_shown_if_sigma_includes_it(
     report_files, skip_figures
 ):
-    """Sixteen beams of 4 mm rms in all directions of their basis leave 4 / √17 mm in common."""
-    theta = [0.004, -0.004] * 8
-    beams = {"name": "beams", "text": "beam 3 is longer", "remedy": "", "estimate": theta}
-    beams |= {"sigma": [1e-4] * 16, "prior": [0.02] * 16}
-    report_files.calibration["sensors"]["top"]["corrections"] = [beams]
+    report_files.calibration["sensors"]["top"]["common_range_sigma_m"] = 0.004 / 17**0.5
     assert "ranges of top, all together 0 ± 0.97 mm, not estimated" in extract_page_text(
         report_files.render_report()
     )
-    bias = beams | {"name": "range_bias", "estimate": [0.001]}
-    report_files.calibration["sensors"]["top"]["corrections"].append(bias)
+    report_files.calibration["sensors"]["top"]["common_range_sigma_m"] = None
     assert "ranges of top, all together" not in extract_page_text(report_files.render_report())
 
 

@@ -43,18 +43,14 @@ def tabulate_nuisance_parameters(run):
 
 
 def _format_common_range_error(sensor):
-    """What the beams of a lidar may be off by in common where single ones were found to be off and
-    that is not estimated (considered.errors), in a list."""
-    found = {c["name"]: np.array(c["estimate"]) for c in sensor["corrections"]}
-    if "beams" not in found or "range_bias" in found:
+    """`0 ± 0.97 mm, ...` of the range error common to all beams of a lidar, if σ includes it."""
+    sigma = sensor["common_range_sigma_m"]
+    if sigma is None:
         return []
-    # The numbers of beams are along an orthonormal basis: their squares are those of the errors.
-    theta = found["beams"]
-    sigma = np.sqrt(np.sum(theta**2) / len(theta) / (len(theta) + 1))
     return [
-        f"0 ± {format_number(sigma * MM_PER_M, 2)} mm, not estimated, but in the σ of the pose: "
-        "targets on one side of a lidar do not tell ranges that are too long from a lidar farther "
-        "back"
+        f"0 ± {format_number(sigma * MM_PER_M, 2)} mm, not estimated, but included in the σ of the "
+        "pose: targets on one side of a lidar cannot distinguish ranges that are too long from a "
+        "lidar that sits farther back"
     ]
 
 
