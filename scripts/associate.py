@@ -19,7 +19,7 @@ from calib.io.table_schemas import KEYPOINTS_SCHEMA, PAIRS_SCHEMA, PLACEMENTS_SC
 from calib.sensors.lens_from_log import with_lens_from_log
 from calib.sensors.sensor_models import sensor_model_from_config
 from calib.targets.target_shapes import target_from_config
-from calib.views.frame_selection import mounts_from_guess
+from calib.views.target_placements import mounts_from_guess
 
 
 def assign_sensor_measurements(

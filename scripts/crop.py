@@ -1,80 +1,53 @@
-"""Which frames show a target, and the part of each around it, as recorded.
+"""Select the frames that show a target, and cut out the part of each around it, as recorded.
 
 Reads   placements.parquet, mocap.parquet, frames.parquet, guess.json, log.json, and the log at the
         kept frames
-Writes  views.parquet: one row per (frame, target) considered, kept or not, with its reason; for
-        the kept all beams in the angular window around the target at any range with their ring
-        and time, or the image region as PNG bytes with its offset
-        moving_views.parquet: likewise of a few frames of targets in motion, for the clocks
-Decides by field of view, stillness and newness of the pose. Windows and limits grow by the
-        uncertainty of the guess, so that no later stage depends on where within it the guess lies:
-        what is kept is a superset, of which extract takes what is in view from the pose it finds.
+Writes  views.parquet: one row per (frame, target), kept or not, with the reason. Kept rows hold all
+        returns in the angular window around the target, at any range, with ring and time, or the
+        image region as PNG with its offset
+        moving_views.parquet: the same for a few frames of moving targets, for the time offsets
+Decides by field of view, stillness and how new the pose is. Windows and limits grow with the
+        uncertainty of the initial guess, so that no later stage depends on the guess within that
+        uncertainty: more views are kept than used, and extract selects again at the pose it finds.
 """
 
-import numpy as np
+from pathlib import Path
+from typing import Any
 
 from calib.io.logs.open_log import open_log, require_same_log
 from calib.io.parquet_tables import read_table, select_rows, write_table
 from calib.io.stage_cli import logger, make_argument_parser, read_json, run_stage
 from calib.io.status import Status
-from calib.io.table_schemas import FRAMES_SCHEMA, MOCAP_SCHEMA, PLACEMENTS_SCHEMA
+from calib.io.table_schemas import FRAMES_SCHEMA, MOCAP_SCHEMA
 from calib.mocap.body_trajectory import target_trajectories
 from calib.sensors.sensor_models import with_log_metadata
-from calib.targets.target_shapes import target_from_config
-from calib.views.frame_selection import (
-    compute_target_poses,
-    make_view_rows,
-    mounts_from_guess,
-    trim_placement_ends,
-    visibility_status,
-    with_mocap_time,
-)
-from calib.views.moving_view_selection import select_moving_views
-from calib.views.sensor_reader import CROPPERS, make_frame_reader, read_and_cut_frame
+from calib.views.placement_selection import visibility_status
+from calib.views.sensor_reader import Cropper, make_cropper, make_frame_reader
+from calib.views.target_placements import PlacementTable, trim_placement_ends
+from calib.views.view_cutter import ViewCutter, ViewRow, view_columns
 
 
-def read_still_views(sensor, frames, placements, guess, read_content, options):
-    """Rows of views.parquet of a sensor whose guess and placements are known; content_of reads what
-    it measured (cropping.reader)."""
-    mounts = mounts_from_guess(options["targets"], guess)
-    shapes = {n: target_from_config(options["targets"][n]) for n in mounts}
-    poses = compute_target_poses(placements, mounts), np.array(guess["T_robot_sensor"]["matrix"])
-    margin = options["crop"]["margin_sigma"] * np.array(guess["sigma"])
-    where = frames, placements, poses, margin
-    return make_view_rows(sensor, shapes, *where, read_content, options["crop"])
-
-
-def read_moving_views(sensor, frames, poses, guess, read_content, options):
-    """Rows of moving_views.parquet; poses: columns of mocap.parquet."""
+def cut_moving_views(
+    cutter: ViewCutter, mocap_path: Path, options: dict[str, Any]
+) -> list[ViewRow]:
+    """Return the rows of moving_views.parquet. Targets compared by points are left out."""
     blocks = options["targets"]
-    known = mounts_from_guess(blocks, guess)
-    targets = {n: target_from_config(blocks[n]) for n in known}
-    bodies = {n: blocks[n]["body"] for n in known if targets[n].uses_exact_surface}
-    paths = target_trajectories(poses, options["body"], bodies, options["max_gap_s"])
-    margin = options["crop"]["margin_sigma"] * np.array(guess["sigma"])
-    rows = []
-    for name, path in paths.items():
-        target = targets[name]
-        given = path, frames["stamp_ns"], known[name], guess, margin, options["crop"]
-        for i, where, wide in select_moving_views(sensor, target, *given):
-            place = frames["stamp_ns"][i], (-np.inf, np.inf), target, where, wide
-            payload, why = read_and_cut_frame(sensor, read_content, i, *place)
-            about = {
-                "stamp_ns": frames["stamp_ns"][i],
-                "target": name,
-                "kept": not why,
-                "reason": why,
-            }
-            rows.append(about | {"placement": len(rows)} | payload)
-    return rows
+    bodies = {
+        name: blocks[name]["body"]
+        for name, target in cutter.targets.items()
+        if target.uses_exact_surface
+    }
+    poses, _, _ = read_table(mocap_path, MOCAP_SCHEMA)
+    trajectories = target_trajectories(poses, options["body"], bodies, options["max_gap_s"])
+    return cutter.cut_moving_views(trajectories)
 
 
-def read_target_statuses(notes):
-    """Status of every target in the session: whether it is ever still in front of the robot."""
-    return [Status.from_dict(note) for _, note in sorted(notes.items())]
+def write_views(path: Path, cropper: Cropper, rows: list[ViewRow], status: Status) -> None:
+    """Write the rows of views as a numbered table."""
+    write_table(path, cropper.schema, view_columns(rows, cropper.schema.names), status)
 
 
-def main(argv=None):
+def main(argv: list[str] | None = None) -> None:
     args = make_argument_parser(
         __doc__,
         placements="input",
@@ -86,41 +59,31 @@ def main(argv=None):
         moving_views="output",
         options="slice of the config",
     ).parse_args(argv)
-    name, audit = args.options["name"], read_json(args.audit)
-    require_same_log(args.options["log"], audit["fingerprint"])
-    block = with_log_metadata(args.options["sensor"], audit["sensors"][name])
-    options, kind = args.options | {"sensor": block}, CROPPERS[block["kind"]]
-    guess = read_json(args.guess)
-    placements, gated, notes = read_table(args.placements, PLACEMENTS_SCHEMA)
-    frames, _, _ = read_table(args.frames, FRAMES_SCHEMA)
-    guessed = Status.from_dict(guess["status"])
-    status, rows, moving = gated if guessed.ok else guessed, [], []
+    options, audit, guess = args.options, read_json(args.audit), read_json(args.guess)
+    require_same_log(options["log"], audit["fingerprint"])
+    name = options["name"]
+    sensor = with_log_metadata(options["sensor"], audit["sensors"][name])
+    cropper = make_cropper(sensor)
+    placements = PlacementTable.read(args.placements)
+    status = placements.status if not placements.status.ok else Status.from_dict(guess["status"])
+    rows, moving_rows = [], []
     if status.ok:
-        sensor, mine = kind(block), select_rows(frames, frames["sensor"] == name)
-        mine = with_mocap_time(mine, guess["time_offset_s"]["value"])
-        placements = trim_placement_ends(placements, guess["time_offset_s"]["sigma"])
-        content_of = make_frame_reader(open_log(options["log"]), block, mine)
-        rows = read_still_views(sensor, mine, placements, guess, content_of, options)
-        reasons = [r["reason"] for r in rows]
-        status = (
-            visibility_status(name, reasons)
-            if any(s.ok for s in read_target_statuses(notes))
-            else read_target_statuses(notes)[0]
-        )
-    # Where points have no time of their own, a scan of what moves tells nothing of a clock.
-    if status.ok and options["crop"]["max_moving"] and sensor.has_measurement_time:
-        poses, _, _ = read_table(args.mocap, MOCAP_SCHEMA)
-        moving = read_moving_views(sensor, mine, poses, guess, content_of, options)
-    write_views(args.output, kind.schema, rows, status)
-    write_views(args.moving_views, kind.schema, moving, status)
+        frames, _, _ = read_table(args.frames, FRAMES_SCHEMA)
+        frames = select_rows(frames, frames["sensor"] == name)
+        read_frame = make_frame_reader(open_log(options["log"]), sensor, frames)
+        cutter = ViewCutter.from_guess(cropper, guess, frames, read_frame, options)
+        clock_sigma_s = guess["time_offset_s"]["sigma"]
+        rows = cutter.cut_still_views(trim_placement_ends(placements.columns, clock_sigma_s))
+        status = placements.still_target_status()
+        if status.ok:
+            status = visibility_status(name, [row["reason"] for row in rows])
+        # Without times of its points, a scan of a moving target says nothing about the offset.
+        if status.ok and options["crop"]["max_moving"] and cropper.has_measurement_time:
+            moving_rows = cut_moving_views(cutter, args.mocap, options)
+    write_views(args.output, cropper, rows, status)
+    write_views(args.moving_views, cropper, moving_rows, status)
     logger.info("%s: kept %d of %d views", name, sum(r["kept"] for r in rows), len(rows))
-    logger.info("%s: %d views of targets in motion", name, sum(r["kept"] for r in moving))
-
-
-def write_views(path, schema, rows, status):
-    """Rows of views as a table of theirs, numbered."""
-    table = {k: [r[k] for r in rows] for k in schema.names if k != "view"}
-    write_table(path, schema, table | {"view": np.arange(len(rows))}, status)
+    logger.info("%s: %d views of moving targets", name, sum(r["kept"] for r in moving_rows))
 
 
 if __name__ == "__main__":

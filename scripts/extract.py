@@ -36,7 +36,7 @@ from calib.io.table_schemas import (
 from calib.mocap.body_trajectory import target_trajectories
 from calib.sensors.sensor_models import sensor_model_from_config, with_log_metadata
 from calib.targets.target_shapes import target_from_config
-from calib.views.frame_selection import mounts_from_guess
+from calib.views.target_placements import mounts_from_guess
 
 VIEW_SCHEMAS = {"camera": CAMERA_VIEWS_SCHEMA, "lidar": LIDAR_VIEWS_SCHEMA}
 

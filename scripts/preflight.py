@@ -11,8 +11,7 @@ payload is read. A verdict of fail says that no sensor can be calibrated.
 from calib.io.atomic_files import atomic_write
 from calib.io.parquet_tables import read_table
 from calib.io.stage_cli import logger, make_argument_parser, read_json, run_stage, write_json
-from calib.io.status import Status
-from calib.io.table_schemas import FRAMES_SCHEMA, MOCAP_SCHEMA, PLACEMENTS_SCHEMA
+from calib.io.table_schemas import FRAMES_SCHEMA, MOCAP_SCHEMA
 from calib.report.page.preflight_text import PreflightRun, format_preflight
 from calib.verdict.preflight_findings import (
     preflight_rig_findings,
@@ -20,19 +19,17 @@ from calib.verdict.preflight_findings import (
     target_turns_json,
 )
 from calib.verdict.preflight_visibility import PreflightSession, assess_sensor_visibility
+from calib.views.target_placements import PlacementTable
 
 
 def load_preflight_session(name, audit, frames, mocap, placements, options):
     """The looks.Session of the files of one."""
-    placed, status, notes = read_table(placements, PLACEMENTS_SCHEMA)
     about = options["sessions"][name]
     return PreflightSession(
         audit=read_json(audit),
         frames=read_table(frames, FRAMES_SCHEMA)[0],
         poses=read_table(mocap, MOCAP_SCHEMA)[0],
-        placements=placed,
-        status=status,
-        target_status={t: Status.from_dict(note) for t, note in sorted(notes.items())},
+        placements=PlacementTable.read(placements),
         has_remounted_markers=about["remounted"],
         sensor_names=tuple(about["sensors"]),
     )

@@ -7,7 +7,7 @@ from calib.geometry.units import NS_PER_S
 from calib.io.parquet_tables import select_rows
 from calib.io.pose_block import pose_sigma_from_config
 from calib.mocap.moving_pose_fit import MovingView, fit_local_motion
-from calib.views.frame_selection import space_evenly
+from calib.views.pose_selection import space_evenly
 
 MAX_KEYPOINTS_PER_VIEW = (
     400  # of a view: more tell no better where it is between two samples of the MCS

@@ -7,9 +7,13 @@ from calib.estimation.measurement_groups import group_keypoints
 from calib.estimation.solver import estimate_poses
 from calib.geometry.se3 import invert_pose, se3_log
 from calib.io.parquet_tables import concatenate_columns, select_rows
-from calib.io.status import OK, failure_status
+from calib.io.status import OK, Status, failure_status
 from calib.io.table_schemas import KEYPOINTS_SCHEMA
-from calib.views.frame_selection import select_new_poses
+from calib.views.field_of_view import PosedSensor, VisibilityCheck
+from calib.views.placement_selection import select_placements
+from calib.views.pose_selection import select_new_poses
+from calib.views.target_placements import Columns
+from calib.extraction.extraction_inputs import ExtractionContext
 
 LOOSE_GATES = {"gate_sigma": 6.0, "edge_margin_m": -1.0, "min_cosine": -1.0}
 MAX_WORKING_ROUNDS, MAX_WORKING_KEYPOINTS = 12, 5000
@@ -40,29 +44,41 @@ def iterate_working_pose(context, at_pose, T_robot_sensor, noise_factor):
     return keypoints, outcomes, T
 
 
-def check_kept_views(context, views, T_robot_sensor, check_visibility):
-    """{row of views: Status} of those kept: whether they count at a pose of the sensor, without
-    any margin; hidden is that of crop.
+def check_kept_views(
+    context: ExtractionContext,
+    views: Columns,
+    T_robot_sensor: np.ndarray,
+    check_visibility: VisibilityCheck,
+) -> dict[int, Status]:
+    """Return for each kept view (row) whether it is used at a pose of the sensor, without margin.
 
-    In view, and of the most different placements as many as are wanted.
+    A view is used if its target is in view, in as many of the most different placements as wanted.
     """
-    kept, out = np.flatnonzero(views["kept"]), {}
+    sensor = PosedSensor(context.model, check_visibility, T_robot_sensor, margin=np.zeros(6))
     T_robot_target = {k: p.T_robot_body @ p.T_body_target for k, p in context.placements.items()}
+    kept, outcomes = np.flatnonzero(views["kept"]), {}
     for name, target in sorted(context.targets.items()):
-        mine = (views["target"] == name) & (views["placement"] >= 0)
-        numbers = np.unique(views["placement"][mine])
-        T = np.reshape([T_robot_target[k] for k in numbers], (-1, 4, 4))
-        room = context.crop_options["max_placements"]
-        for number in numbers[select_new_poses(T, np.arange(len(T)), context.crop_options)]:
-            rows = kept[mine[kept] & (views["placement"][kept] == number)]
-            if len(rows) == 0:
-                continue
-            where = context.predict_target_pose(number, T_robot_sensor)
-            why = check_visibility(context.model, target, where, np.zeros(6), context.crop_options)
-            room -= not why
-            why = why or ("" if room >= 0 else "enough placements")
-            out |= dict.fromkeys(rows.tolist(), failure_status(why) if why else OK)
-    return out
+        is_of_target = (views["target"] == name) & (views["placement"] >= 0)
+        numbers = np.unique(views["placement"][is_of_target])
+        poses = np.reshape([T_robot_target[k] for k in numbers], (-1, 4, 4))
+        rows = {
+            int(number): kept[is_of_target[kept] & (views["placement"][kept] == number)]
+            for number in numbers[
+                select_new_poses(poses, np.arange(len(poses)), context.crop_options)
+            ]
+        }
+        reasons = select_placements(
+            sensor,
+            target,
+            T_robot_target,
+            [number for number in rows if len(rows[number])],
+            context.crop_options,
+            n_max=context.crop_options["max_placements"],
+        )
+        for number, reason in reasons.items():
+            status = failure_status(reason) if reason else OK
+            outcomes |= dict.fromkeys(rows[number].tolist(), status)
+    return outcomes
 
 
 def estimate_working_pose(context, keypoints, T_robot_sensor, associate, noise_factor):

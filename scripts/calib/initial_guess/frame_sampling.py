@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.io.status import MessageError
-from calib.views.frame_selection import assign_frames_to_placements, select_most_different
+from calib.views.pose_selection import select_most_different
+from calib.views.target_placements import assign_frames_to_placements
 
 MIN_NEW_DISTANCE_M, MIN_NEW_ANGLE_RAD = (
     0.05,

@@ -119,8 +119,13 @@ def preflight_target_findings(sessions, options):
     place in their body nothing tells."""
     out = []
     for name, session in sessions.items():
-        held = {t: s for t, s in session.target_status.items() if session.status.ok and not s.ok}
-        if len(held) < len(session.target_status):
+        placements = session.placements
+        held = {
+            t: s
+            for t, s in placements.target_status.items()
+            if placements.status.ok and not s.ok
+        }
+        if len(held) < len(placements.target_status):
             out += [
                 make_finding("status", [], "warn", f"{t} in {name}: {s.reason}", s.remedy)
                 for t, s in sorted(held.items())

@@ -1,7 +1,7 @@
 """What a sensor may see of the targets in a recording, as far as log and motion capture tell it."""
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,35 +12,35 @@ from calib.io.status import Status, failure_status
 from calib.mocap.body_trajectory import target_trajectories, trajectory_from_columns
 from calib.sensors.sensor_models import with_log_metadata
 from calib.targets.target_shapes import target_from_config
-from calib.views.frame_selection import (
+from calib.views.field_of_view import PosedSensor
+from calib.views.frame_selection import select_frames
+from calib.views.moving_view_selection import select_moving_views
+from calib.views.placement_selection import visibility_status
+from calib.views.sensor_reader import make_cropper
+from calib.views.target_placements import (
+    PlacementTable,
     assign_frames_to_placements,
     compute_target_poses,
+    find_still_rows,
     mounts_from_guess,
-    select_frames,
     trim_placement_ends,
-    visibility_status,
     with_mocap_time,
 )
-from calib.views.moving_view_selection import select_moving_views
-from calib.views.sensor_reader import CROPPERS
 
 NO_FRAME_REASON = "no message of the sensor while it is still"
 
 
 @dataclass(frozen=True)
 class PreflightSession:
-    """One recording after decode and gate: its audit, columns of frames, of poses and of
-    placements, the status of these and of each target's; remounted: whether the robot's markers sit
-    elsewhere than the rig's poses mean; streams: names of its sensors."""
+    """One recording after decode and gate: its audit, columns of frames and of poses, and its
+    placements; has_remounted_markers: whether the robot's markers were re-attached before it."""
 
     audit: dict
     frames: dict
     poses: dict
-    placements: dict
-    status: Status
-    target_status: dict
+    placements: PlacementTable
     has_remounted_markers: bool
-    streams: tuple
+    sensor_names: tuple
 
 
 @dataclass(frozen=True)
@@ -76,27 +76,13 @@ class SensorVisibility:
     has_measurement_time: bool = False
 
 
-class UnknownPose:
-    """In place of a sensor of which nobody has said where it sits: it may see whatever is there."""
-
-    model = None
-
-    @staticmethod
-    def check_visibility(*args):
-        return ""
-
-
-@dataclass(frozen=True)
-class AssumedPose:
-    """A sensor (of cropping.KINDS, or Anything), T_robot_sensor (4, 4) as stated, and by how much
-    that may be wrong (6,)."""
-
-    cropper: object
-    T_robot_sensor: np.ndarray
-    margin: np.ndarray
-
-
-NO_POSE = AssumedPose(UnknownPose, np.eye(4), np.zeros(6))
+# A sensor whose pose is not stated: all targets may be in its view.
+UNKNOWN_POSE = PosedSensor(
+    model=None,
+    check_visibility=lambda model, target, T_sensor_target, margin, options, /: "",
+    T_robot_sensor=np.eye(4),
+    margin=np.zeros(6),
+)
 
 
 def assess_sensor_visibility(session, name, options):
@@ -113,26 +99,20 @@ def assess_sensor_visibility(session, name, options):
     frames = with_mocap_time(frames, block["time_offset_s"])
     robot = trajectory_from_columns(session.poses, options["body"], options["max_gap_s"])
     known = float(robot.poses_at(frames["mocap_time_ns"])[1].mean())
-    status = _still_target_status(session)
+    status = session.placements.still_target_status()
     status = _no_mocap_status(name) if status.ok and not known else status
     if not status.ok:
         return SensorVisibility(block["kind"], status, source, known)
-    sensor, eye = CROPPERS[block["kind"]](with_log_metadata(block, audit)), NO_POSE
+    sensor, eye = make_cropper(with_log_metadata(block, audit)), UNKNOWN_POSE
     if session.has_remounted_markers or found.T_robot_sensor is None:
         source = "none"
     else:
         margin = options["crop"]["margin_sigma"] * np.asarray(found.sigma)
-        eye = AssumedPose(sensor, found.T_robot_sensor, margin)
+        eye = PosedSensor(sensor.model, sensor.check_visibility, found.T_robot_sensor, margin)
     seen = _assess_targets(session, eye, frames, block, options, sensor.has_measurement_time)
     reasons = [why for s in seen.values() for why in s.possible_reasons]
     status = visibility_status(name, reasons)
     return SensorVisibility(block["kind"], status, source, known, seen, sensor.has_measurement_time)
-
-
-def _still_target_status(session):
-    """Ok, or why no target is ever still."""
-    held = [status for _, status in sorted(session.target_status.items())]
-    return session.status if not session.status.ok or any(s.ok for s in held) else held[0]
 
 
 def _no_mocap_status(name):
@@ -147,21 +127,21 @@ def _no_mocap_status(name):
 def _assess_targets(session, assumed_pose, frames, block, options, has_measurement_time):
     """{target: Seen} of one sensor in a session; block: of the sensor; has_measurement_time: whether its views of
     what moves tell a time."""
-    blocks = {n: options["targets"][n] for n in sorted(session.target_status)}
+    blocks = {n: options["targets"][n] for n in sorted(session.placements.target_status)}
     mounts = mounts_from_guess(blocks, {"mounts": {}})
-    placements = trim_placement_ends(session.placements, block["time_offset_sigma_s"])
+    placements = trim_placement_ends(session.placements.columns, block["time_offset_sigma_s"])
     T_robot_target = compute_target_poses(placements, mounts)
     bodies = {n: b["body"] for n, b in blocks.items()}
     paths = target_trajectories(session.poses, options["body"], bodies, options["max_gap_s"])
     out = {}
     for name, config in blocks.items():
         # Where a target sits in its body may be unknown as well.
-        by, shape = assumed_pose if name in mounts else NO_POSE, target_from_config(config)
-        rows = np.flatnonzero((placements["target"] == name) & (placements["kind"] == "still"))
+        by, shape = assumed_pose if name in mounts else UNKNOWN_POSE, target_from_config(config)
+        rows = find_still_rows(placements, name)
         during = assign_frames_to_placements(frames, placements, name)
         expected, possible = (
-            _reasons_by_placement(rows, during, by, shape, T_robot_target, margin, options["crop"])
-            for margin in (np.zeros(6), by.margin)
+            _reasons_by_placement(rows, during, sensor, shape, T_robot_target, options["crop"])
+            for sensor in (replace(by, margin=np.zeros(6)), by)
         )
         moving = 0
         if has_measurement_time and shape.uses_exact_surface:
@@ -169,26 +149,28 @@ def _assess_targets(session, assumed_pose, frames, block, options, has_measureme
                 by, shape, paths[name], frames, mounts.get(name), block, options
             )
         out[name] = TargetVisibility(
-            shape, T_robot_target[rows], expected, possible, moving, by is not NO_POSE
+            shape, T_robot_target[rows], expected, possible, moving, by is not UNKNOWN_POSE
         )
     return out
 
 
-def _reasons_by_placement(
-    rows, placement_by_frame, assumed_pose, shape, T_robot_target, margin, options
-):
+def _reasons_by_placement(rows, placement_by_frame, sensor, shape, T_robot_target, options):
     """The reason against each placement of the rows (n,), as a tuple; "" for those that crop would
     read. placement_by_frame: placement of each frame, or -1."""
-    where = T_robot_target, assumed_pose.T_robot_sensor, margin
-    why = select_frames(assumed_pose.cropper, shape, placement_by_frame, *where, options)
+    why = select_frames(sensor, shape, placement_by_frame, T_robot_target, options)
     of = {k: set(why[placement_by_frame == k]) for k in rows}
     return tuple(NO_FRAME_REASON if not of[k] else "" if "" in of[k] else min(of[k]) for k in rows)
 
 
-def _count_moving_views(assumed_pose, shape, trajectory, frames, T_body_target, block, options):
+def _count_moving_views(sensor, shape, trajectory, frames, T_body_target, block, options):
     """How many views of a target in motion crop would read."""
-    offset = {"value": block["time_offset_s"], "sigma": block["time_offset_sigma_s"]}
-    guess = {"T_robot_sensor": {"matrix": assumed_pose.T_robot_sensor}, "time_offset_s": offset}
-    mount = np.eye(4) if T_body_target is None else T_body_target
-    where = trajectory, frames["stamp_ns"], mount, guess, assumed_pose.margin
-    return len(select_moving_views(assumed_pose.cropper, shape, *where, options["crop"]))
+    views = select_moving_views(
+        sensor,
+        shape,
+        trajectory,
+        np.eye(4) if T_body_target is None else T_body_target,
+        frames["stamp_ns"],
+        time_offset={"value": block["time_offset_s"], "sigma": block["time_offset_sigma_s"]},
+        options=options["crop"],
+    )
+    return len(views)

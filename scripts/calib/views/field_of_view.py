@@ -1,18 +1,71 @@
-"""Whether a target is in view of a sensor, given how wrong the pose may be."""
+"""Decide whether a sensor at an uncertain pose sees a target well enough."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from calib.geometry.pose_margin import angular_margin
 from calib.geometry.se3 import invert_pose, so3_exp, transform_points
+from calib.sensors.camera.camera_model import CameraModel
+from calib.sensors.lidar.lidar_model import LidarModel
 
 MIN_SQUARE_PX = 6.0
-MIN_BLOB_SIZE_PX = 15.0  # geometric mean of the spread of its outline along and across
+MIN_BLOB_SIZE_PX = 15.0  # geometric mean of the spread of the outline along and across
+# Turns about x and y, in units of the margin, at which the image is checked.
+MARGIN_TURNS = ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (-1, 1), (1, -1), (1, 1))
 
 
-def check_lidar_visibility(lidar, target, T_sensor_target, margin, options):
-    """Why a lidar cannot see a target well enough, in words; "" when it can.
+class VisibilityCheck(Protocol):
+    """Why a sensor does not see a target well enough, in words; "" if it does."""
 
-    With a margin: why it cannot wherever within it the lidar may be.
+    def __call__(
+        self,
+        model: Any,
+        target: Any,
+        T_sensor_target: np.ndarray,
+        margin: np.ndarray,
+        options: dict[str, Any],
+        /,
+    ) -> str: ...
+
+
+@dataclass(frozen=True)
+class PosedSensor:
+    """A sensor at an assumed pose.
+
+    model: argument of check_visibility. T_robot_sensor: (4, 4). margin: (6,) m and rad, by which
+    that pose may be wrong; a target counts as visible if it may be visible within the margin.
+    """
+
+    model: Any
+    check_visibility: VisibilityCheck
+    T_robot_sensor: np.ndarray
+    margin: np.ndarray
+
+    def T_sensor_target(self, T_robot_target: np.ndarray) -> np.ndarray:
+        """Return poses (..., 4, 4) of targets in the sensor frame."""
+        return invert_pose(self.T_robot_sensor) @ T_robot_target
+
+    def reason_against(
+        self, target: Any, T_robot_target: np.ndarray, options: dict[str, Any]
+    ) -> str:
+        """Return why the target at a pose (4, 4) is not visible, "" if it is. options: `crop`."""
+        T_sensor_target = self.T_sensor_target(T_robot_target)
+        return self.check_visibility(self.model, target, T_sensor_target, self.margin, options)
+
+
+def check_lidar_visibility(
+    lidar: LidarModel,
+    target: Any,
+    T_sensor_target: np.ndarray,
+    margin: np.ndarray,
+    options: dict[str, Any],
+) -> str:
+    """Return why a lidar cannot see a target well enough, in words; "" if it can.
+
+    T_sensor_target: (4, 4). margin: (6,) m and rad; the reason holds for every pose within it.
+    options: min_returns and max_incidence_deg.
     """
     centre = transform_points(T_sensor_target, target.centre)
     distance, shift = np.linalg.norm(centre), np.linalg.norm(margin[:3])
@@ -28,64 +81,86 @@ def check_lidar_visibility(lidar, target, T_sensor_target, margin, options):
     ):
         if limits and not limits[0] - slack < angle < limits[1] + slack:
             return f"outside {name}_deg"
-    reason, cosine = _check_incidence(target, T_sensor_target, margin, options)
+    incidence = _check_incidence(target, T_sensor_target, margin, options)
     nearest = max(distance - shift, target.bounding_radius)
-    expected = target.area * cosine / nearest**2 / lidar.azimuth_step / lidar.elevation_step
-    if not reason and expected < options["min_returns"]:
+    expected = (
+        target.area * incidence.cosine / nearest**2 / lidar.azimuth_step / lidar.elevation_step
+    )
+    if not incidence.reason and expected < options["min_returns"]:
         return "too few returns expected"
-    return reason
+    return incidence.reason
 
 
-def check_camera_visibility(camera, target, T_sensor_target, margin, options):
-    """Why a camera cannot see what it could find of a target, in words; "" when it can.
+def check_camera_visibility(
+    camera: CameraModel,
+    target: Any,
+    T_sensor_target: np.ndarray,
+    margin: np.ndarray,
+    options: dict[str, Any],
+) -> str:
+    """Return why a camera cannot see the pattern or colour of a target, in words; "" if it can.
 
-    With a margin: why it cannot wherever within it the camera may be.
+    T_sensor_target: (4, 4). margin: (6,) m and rad; the reason holds for every pose within it.
+    options: max_incidence_deg.
     """
     points = transform_points(T_sensor_target, target.required_image_points())
     if len(points) == 0:
         return "neither pattern nor color on the target"
-    reason, _ = _check_incidence(target, T_sensor_target, margin, options)
-    if reason:
-        return reason
+    incidence = _check_incidence(target, T_sensor_target, margin, options)
+    if incidence.reason:
+        return incidence.reason
     turn = angular_margin(margin, np.linalg.norm(points.mean(0)))
-    uv, valid, inside = _project_with_margin(camera, points, turn)
-    if inside.mean() < (target.pattern.min_visible_share if target.pattern else 1.0):
-        return "outside the image" if valid.all() else "outside what the lens sees"
-    if not valid.all():
+    uv, is_valid, is_inside = _project_with_margin(camera, points, turn)
+    if is_inside.mean() < (target.pattern.min_visible_share if target.pattern else 1.0):
+        return "outside the image" if is_valid.all() else "outside what the lens sees"
+    if not is_valid.all():
         return ""
     # A point nearer by the margin, or away from the rim of a lens, appears larger.
-    larger = 1 + 2 * turn
-    if target.pattern and np.linalg.norm(uv[1] - uv[0]) * larger < MIN_SQUARE_PX:
+    magnification = 1 + 2 * turn
+    if target.pattern and np.linalg.norm(uv[1] - uv[0]) * magnification < MIN_SQUARE_PX:
         return "squares too small"
-    if target.color and np.sqrt(np.linalg.det(np.cov(uv.T))) * larger**2 < MIN_BLOB_SIZE_PX**2:
+    size_px = np.sqrt(np.linalg.det(np.cov(uv.T))) if target.color else np.inf
+    if size_px * magnification**2 < MIN_BLOB_SIZE_PX**2:
         return "too small in the image"
     return ""
 
 
-def _project_with_margin(camera, points, max_turn_rad):
-    """Pixels (n, 2) of points (n, 3), where there are any (n,), and whether each may be in the
-    image (n,) when the camera is turned by up to `turn`, rad, about its x and y axes."""
-    uv, valid = camera.project(points)
-    inside = valid & camera.is_in_image(uv)
-    for about in ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (-1, 1), (1, -1), (1, 1)):
-        if inside.all() or max_turn_rad == 0:
+def _project_with_margin(
+    camera: CameraModel, points: np.ndarray, max_turn_rad: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Project points (n, 3), m, and check whether they may be in the image.
+
+    Returns pixels (n, 2), whether each is valid (n,), and whether it may be in the image (n,) if
+    the camera is turned by up to max_turn_rad about its x and y axes.
+    """
+    uv, is_valid = camera.project(points)
+    is_inside = is_valid & camera.is_in_image(uv)
+    for turn in MARGIN_TURNS:
+        if is_inside.all() or max_turn_rad == 0:
             break
-        turned = points @ so3_exp(max_turn_rad * np.array([*about, 0.0])).T
-        at, ok = camera.project(turned)
-        inside |= ok & camera.is_in_image(at)
-    return uv, valid, inside
+        turned = points @ so3_exp(max_turn_rad * np.array([*turn, 0.0])).T
+        turned_uv, is_turned_valid = camera.project(turned)
+        is_inside |= is_turned_valid & camera.is_in_image(turned_uv)
+    return uv, is_valid, is_inside
 
 
-def _check_incidence(target, T_sensor_target, margin, options):
-    """(why a target shows a sensor too little of its face, cosine of incidence), at best: the
-    sensor may stand elsewhere by the margin, which the target sees under an angle."""
+class _Incidence(NamedTuple):
+    """Why a target shows too little of its face ("" if enough), and the cosine of incidence."""
+
+    reason: str
+    cosine: float
+
+
+def _check_incidence(
+    target: Any, T_sensor_target: np.ndarray, margin: np.ndarray, options: dict[str, Any]
+) -> _Incidence:
+    """Check the angle of incidence at the best pose of the sensor within the margin."""
     sensor = invert_pose(T_sensor_target)[:3, 3]
-    facing, cosine = target.check_facing(sensor)
+    is_facing, cosine = target.check_facing(sensor)
     shift = np.linalg.norm(margin[:3]) / np.linalg.norm(sensor - target.centre)
     slack = np.arcsin(min(1.0, shift))
-    if not facing and (slack == 0 or cosine <= -np.sin(slack)):
-        return "seen from behind", 0.0
-    incidence = max(0.0, np.arccos(np.clip(cosine, -1, 1)) - slack)
-    if incidence > np.radians(options["max_incidence_deg"]):
-        return "seen too flat", np.cos(incidence)
-    return "", np.cos(incidence)
+    if not is_facing and (slack == 0 or cosine <= -np.sin(slack)):
+        return _Incidence("seen from behind", 0.0)
+    angle = max(0.0, np.arccos(np.clip(cosine, -1, 1)) - slack)
+    is_too_flat = angle > np.radians(options["max_incidence_deg"])
+    return _Incidence("seen too flat" if is_too_flat else "", np.cos(angle))

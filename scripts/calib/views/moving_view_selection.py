@@ -1,45 +1,65 @@
-"""Which views of targets in motion a sensor keeps."""
+"""Select the views of moving targets that a sensor keeps."""
+
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from calib.geometry.se3 import invert_pose
 from calib.geometry.units import NS_PER_S
+from calib.mocap.body_trajectory import Trajectory
 from calib.mocap.moving_pose_fit import fit_local_motion
-from calib.views.frame_selection import space_evenly
+from calib.views.field_of_view import PosedSensor
+from calib.views.pose_selection import space_evenly
 
-MAX_CHECKED_VIEWS = 400  # views of one target at most that are looked at more closely
-MIN_SPEED_MPS, MAX_SPEED_MPS = (
-    0.05,
-    1.5,
-)  # of a target's middle against the robot; slower tells no time, and
-MAX_TURN_RATE_DPS = 90.0  # faster blurs
-TURN_ARM_M = 1.0  # at which turning counts like moving
+MAX_CHECKED_VIEWS = 400  # of one target, spread over the recording
+# Speed of a target relative to the robot. Slower motion does not constrain the time offset, faster
+# motion blurs.
+MIN_SPEED_MPS = 0.05
+MAX_SPEED_MPS = 1.5
+MAX_TURN_RATE_DPS = 90.0
+TURN_ARM_M = 1.0  # converts a turn rate to a speed
+
+
+class MovingTargetView(NamedTuple):
+    """A view to keep: its frame (row), T_sensor_target (4, 4), and margin (6,), m and rad."""
+
+    frame: int
+    T_sensor_target: np.ndarray
+    margin: np.ndarray
 
 
 def select_moving_views(
-    cropper, target, trajectory, stamps_ns, T_body_target, guess, margin, options
-):
-    """[(row of stamps_ns (n,), T_sensor_target (4, 4), margin (6,))] of the views to keep, in order.
+    sensor: PosedSensor,
+    target: Any,
+    trajectory: Trajectory,
+    T_body_target: np.ndarray,
+    stamps_ns: np.ndarray,
+    *,
+    time_offset: dict[str, Any],
+    options: dict[str, Any],
+) -> list[MovingTargetView]:
+    """Return the views of one moving target to keep, in order of time.
 
-    cropper: of cropping.KINDS; trajectory: the Trajectory of T_robot_body; guess: guess.json.
-    In view and neither too slow nor too fast; evenly spread over all of those. The margin grows by
-    what the target moves while the sensor's clock may be off.
+    trajectory: of T_robot_body. stamps_ns: (n,) of the sensor's frames. time_offset: value and
+    sigma, s. options: block `crop`.
+
+    The kept views are in view, neither too slow nor too fast, and evenly spread. The margin grows
+    by the distance that the target moves within the σ of the time offset.
     """
-    offset, T = guess["time_offset_s"], np.array(guess["T_robot_sensor"]["matrix"])
-    found = []
+    visible = []
     for i in space_evenly(len(stamps_ns), MAX_CHECKED_VIEWS):
-        there = fit_local_motion(trajectory, int(stamps_ns[i]) + round(offset["value"] * NS_PER_S))
-        if there is None or not _has_useful_speed(there.velocity):
+        time_ns = int(stamps_ns[i]) + round(time_offset["value"] * NS_PER_S)
+        motion = fit_local_motion(trajectory, time_ns)
+        if motion is None or not _has_useful_speed(motion.velocity):
             continue
-        where = invert_pose(T) @ there.T_robot_body @ T_body_target
-        wide = margin + offset["sigma"] * np.abs(there.velocity)
-        if not cropper.check_visibility(cropper.model, target, where, wide, options):
-            found.append((int(i), where, wide))
-    return [found[i] for i in space_evenly(len(found), options["max_moving"])]
+        T = sensor.T_sensor_target(motion.T_robot_body) @ T_body_target
+        margin = sensor.margin + time_offset["sigma"] * np.abs(motion.velocity)
+        if not sensor.check_visibility(sensor.model, target, T, margin, options):
+            visible.append(MovingTargetView(int(i), T, margin))
+    return [visible[i] for i in space_evenly(len(visible), options["max_moving"])]
 
 
-def _has_useful_speed(velocity):
-    """Whether a twist (6,), per s, tells time and does not blur."""
+def _has_useful_speed(velocity: np.ndarray) -> bool:
+    """Return whether a twist (6,), per s, constrains the time offset and does not blur."""
     linear, angular = np.linalg.norm(velocity[:3]), np.linalg.norm(velocity[3:])
-    fast = linear > MAX_SPEED_MPS or angular > np.radians(MAX_TURN_RATE_DPS)
-    return not fast and linear + TURN_ARM_M * angular > MIN_SPEED_MPS
+    is_too_fast = linear > MAX_SPEED_MPS or angular > np.radians(MAX_TURN_RATE_DPS)
+    return bool(not is_too_fast and linear + TURN_ARM_M * angular > MIN_SPEED_MPS)

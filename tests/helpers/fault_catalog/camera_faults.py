@@ -128,7 +128,7 @@ CAMERA_FAULTS = {
         drop_rows(lambda row, i: row[1] in (IMAGE_TOPIC, CAMERA_INFO_TOPIC) and i % 3 > 0),
     ),
     "another_resolution": FaultCase(
-        "images have half the size from the middle of the log on", "size_px says otherwise",
+        "images have half the size from the middle of the log on", "px (size_px)",
         damage_images(halve_image, lambda number: number > 17),
     ),
     "jpeg_cut": FaultCase(

@@ -20,7 +20,7 @@ from calib.io.parquet_tables import read_table
 from calib.report.data.run_data import COLUMNS_WITHOUT_PAYLOAD, VIEW_SCHEMAS
 from calib.sensors.camera.images.image_messages import decode_png
 from calib.targets.target_shapes import target_from_config
-from calib.views.frame_selection import space_evenly
+from calib.views.pose_selection import space_evenly
 from calib.views.view_payloads import read_view_payloads
 
 TITLE = (
