@@ -5,6 +5,7 @@ import numpy as np
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.measurement_groups import group_keypoints
 from calib.estimation.solver import estimate_poses
+from calib.extraction.extraction_inputs import ExtractionContext
 from calib.geometry.se3 import invert_pose, se3_log
 from calib.io.parquet_tables import concatenate_columns, select_rows
 from calib.io.status import OK, Status, failure_status
@@ -13,7 +14,6 @@ from calib.views.field_of_view import PosedSensor, VisibilityCheck
 from calib.views.placement_selection import select_placements
 from calib.views.pose_selection import select_new_poses
 from calib.views.target_placements import Columns
-from calib.extraction.extraction_inputs import ExtractionContext
 
 LOOSE_GATES = {"gate_sigma": 6.0, "edge_margin_m": -1.0, "min_cosine": -1.0}
 MAX_WORKING_ROUNDS, MAX_WORKING_KEYPOINTS = 12, 5000

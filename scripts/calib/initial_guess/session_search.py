@@ -13,8 +13,8 @@ from calib.io.parquet_tables import select_rows
 from calib.io.status import failure_status
 from calib.sensors.sensor_models import sensor_model_from_config
 from calib.targets.target_shapes import target_from_config
-from calib.views.target_placements import compute_target_poses
 from calib.views.sensor_reader import make_frame_reader
+from calib.views.target_placements import compute_target_poses
 
 
 @dataclass(frozen=True)

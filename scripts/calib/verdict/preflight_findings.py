@@ -121,9 +121,7 @@ def preflight_target_findings(sessions, options):
     for name, session in sessions.items():
         placements = session.placements
         held = {
-            t: s
-            for t, s in placements.target_status.items()
-            if placements.status.ok and not s.ok
+            t: s for t, s in placements.target_status.items() if placements.status.ok and not s.ok
         }
         if len(held) < len(placements.target_status):
             out += [

@@ -7,9 +7,7 @@ import numpy as np
 from calib.geometry.se3 import invert_pose, rotation_angle
 
 
-def select_new_poses(
-    poses: np.ndarray, numbers: np.ndarray, options: dict[str, Any]
-) -> np.ndarray:
+def select_new_poses(poses: np.ndarray, numbers: np.ndarray, options: dict[str, Any]) -> np.ndarray:
     """Return those of the placements `numbers` (k,) whose pose is new, the most different first.
 
     poses: T_robot_target (n, 4, 4) of all placements. They are in the robot frame, so the choice
