@@ -1,5 +1,5 @@
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint benchmark benchmark-quick faults lock clean
+.PHONY: help setup demo test test-rest test-all lint benchmark benchmark-quick faults lock clean
 .DELETE_ON_ERROR:
 
 help: ## list the targets
@@ -15,12 +15,21 @@ demo: .venv/.installed ## make recordings with known truth in demo/ and calibrat
 	.venv/bin/python scripts/simulate.py demo --rig demo
 	.venv/bin/snakemake -d demo --cores 2
 
-test: .venv/.installed ## run the tests
-	OMP_NUM_THREADS=1 .venv/bin/python -m pytest
+test: .venv/.installed ## run the fast tests, at most 8 minutes on two cores
+	.venv/bin/python -m pytest -m "not slow and not real"
 
-lint: .venv/.installed ## check the code's and the workflow's style
+test-rest: .venv/.installed ## run the tests that `make test` leaves out: slow ones, and those on recorded data
+	.venv/bin/python -m pytest -m "slow or real"
+
+test-all: .venv/.installed ## run all tests
+	.venv/bin/python -m pytest
+
+lint: .venv/.installed ## check style, types, package order, spelling, and the workflow
 	.venv/bin/ruff check
 	.venv/bin/ruff format --check
+	.venv/bin/mypy
+	PYTHONPATH=scripts .venv/bin/lint-imports --no-cache
+	.venv/bin/codespell
 	.venv/bin/snakefmt --check Snakefile workflow
 	.venv/bin/snakemake --lint
 
@@ -31,7 +40,7 @@ benchmark-quick: .venv/.installed ## the same with the fewest placements, to the
 	.venv/bin/python scripts/benchmark.py benchmark --quick
 
 faults: .venv/.installed ## measure what faults of recordings come to into docs/faults.md
-	PYTHONPATH=scripts:tests OMP_NUM_THREADS=1 .venv/bin/python -m helpers.fault_catalog.fault_table faults
+	PYTHONPATH=scripts:tests OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 .venv/bin/python -m helpers.fault_catalog.fault_table faults
 
 lock: .venv/.installed ## resolve requirements.in into requirements.txt (UPGRADE=--upgrade: newest versions)
 	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes \
@@ -40,5 +49,5 @@ lock: .venv/.installed ## resolve requirements.in into requirements.txt (UPGRADE
 	sed -n '/^# development/q; s/^\([^#]*[^# ]\).*/      - \1/p' requirements.in >>workflow/envs/calib.yaml
 
 clean: ## remove caches and the demo's files
-	rm -rf demo benchmark faults .pytest_cache .ruff_cache .hypothesis .setup.log
+	rm -rf demo benchmark faults .pytest_cache .ruff_cache .mypy_cache .hypothesis .setup.log
 	find scripts tests -name __pycache__ -prune -exec rm -rf {} +

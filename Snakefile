@@ -116,7 +116,7 @@ rule preflight_rig:
     params:
         options=preflight_options,
     message:
-        "preflight {wildcards.rig}"
+        "preflight_rig {wildcards.rig}"
     shell:
         "python {input.code[0]:q} --audits {input.audits:q} --mocap {input.mocap:q}"
         " --frames {input.frames:q} --placements {input.placements:q}"

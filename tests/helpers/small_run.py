@@ -2,12 +2,15 @@
 
 import hashlib
 import json
+import os
 import re
 import shlex
 import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import yaml
 
@@ -24,10 +27,20 @@ def simulate_into(folder, arguments):
     return folder
 
 
+def job_environment():
+    """Return the environment of a run: no activated Python, the BLAS kernels of this process.
+
+    Another kernel adds in another order, so stages in this process and in jobs must use the same.
+    """
+    blas = ("OMP_", "OPENBLAS_", "MKL_", "BLIS_", "NVPL_")
+    kept = {k: v for k, v in os.environ.items() if k.startswith(blas)}
+    return {"PATH": "/usr/bin:/bin"} | kept
+
+
 def run_snakemake(folder, *arguments):
     """Run Snakemake on a folder, without an activated environment; returns the finished process."""
     command = [SNAKEMAKE, "-s", ROOT / "Snakefile", "-d", folder, "--cores", "2", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, env={"PATH": "/usr/bin:/bin"})
+    return subprocess.run(command, capture_output=True, text=True, env=job_environment())
 
 
 def run_to_completion(folder, *arguments):
@@ -38,17 +51,11 @@ def run_to_completion(folder, *arguments):
 
 
 def list_planned_jobs(folder, *arguments):
-    """Jobs that a run would execute, as (rule, sensor or "")."""
+    """Count the jobs that a run would execute, as (rule, sensor or "")."""
     run = run_to_completion(folder, "-n", "--quiet", "host", *arguments)
-    text = run.stdout + run.stderr
-    jobs = re.split(r"^(?:local)?rule ", text, flags=re.MULTILINE)[1:]
-    found = []
-    for job in jobs:
-        rule = job.split(":", 1)[0]
-        sensor = re.search(r"wildcards: .*sensor=(\w+)", job)
-        if rule != "all":
-            found.append((rule, sensor[1] if sensor else ""))
-    return Counter(found)
+    jobs = re.findall(r"^Job \d+: (\w+) (\S+)", run.stdout + run.stderr, flags=re.MULTILINE)
+    sensors = (places.split("/")[2:] or [""] for _, places in jobs)
+    return Counter((rule, sensor[0]) for (rule, _), sensor in zip(jobs, sensors, strict=True))
 
 
 def edit_yaml(path, change):
@@ -86,3 +93,13 @@ def file_digests(folder):
         p for p in (folder / "results").rglob("*") if p.is_file() and p.suffix != ".log"
     )
     return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in results}
+
+
+def load_common_rules(settings):
+    """Return the names of workflow/common.smk, for the content of config.yaml of this folder."""
+    path = ROOT / "workflow" / "common.smk"
+    workflow = SimpleNamespace(basedir=ROOT, dag_settings=SimpleNamespace(targets=set()))
+    names = {"workflow": workflow, "shell": MagicMock(), "config": settings}
+    names["disk_full_message"] = lambda: ""  # of startup_checks.smk
+    exec(compile(path.read_text(), path, "exec"), names)
+    return names

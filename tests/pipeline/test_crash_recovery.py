@@ -5,7 +5,6 @@ kernel's limit of a file's size strikes while a file is half written, and there 
 alone or with all of the run; or the disk, a small one of memory, is filled when the stage begins.
 """
 
-import fcntl
 import os
 import shutil
 import signal
@@ -16,7 +15,13 @@ from contextlib import contextmanager
 import pytest
 
 from helpers import small_run
-from helpers.small_run import SNAKEMAKE, file_digests, run_snakemake, run_to_completion
+from helpers.small_run import (
+    SNAKEMAKE,
+    file_digests,
+    job_environment,
+    run_snakemake,
+    run_to_completion,
+)
 
 SENSOR, SESSION, RIG = "results/sim/sim/velodyne", "results/sim/sim", "results/sim"
 # What every stage writes; the first is asked for.
@@ -79,7 +84,7 @@ def disaster(folder, stage, script, **values):
     """Environment in which Python does something to a stage before it begins."""
     (folder / "sitecustomize.py").write_text((SCRIPT + script).format(stage=stage, **values))
     # No cache of modules: it would meet the limit of sizes first.
-    return {"PATH": "/usr/bin:/bin", "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    return job_environment() | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
 
 
 def command(folder, stage):
@@ -98,10 +103,15 @@ def pieces(folder):
     return [p for p in (folder / "results").rglob(".*.part")]
 
 
-KILLED = [(stage, "run") for stage in STAGES] + [("decode", "job")]
+# Stages of one output, of many, and of a folder; the others write by the same two functions.
+FAST = ("decode", "solve", "export")
+STAGE_PARAMS = [
+    pytest.param(stage, marks=() if stage in FAST else pytest.mark.slow) for stage in STAGES
+]
 
 
-@pytest.mark.parametrize(("stage", "victim"), KILLED)
+@pytest.mark.parametrize("victim", ["run", pytest.param("job", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("stage", STAGE_PARAMS)
 def test_a_stage_killed_while_it_writes_is_made_up_for_by_the_same_command(
     stage, victim, finished_run, finished_run_copy, tmp_path_factory
 ):
@@ -119,6 +129,8 @@ def test_a_stage_killed_while_it_writes_is_made_up_for_by_the_same_command(
     assert ended.returncode == (1 if victim == "job" else -signal.SIGKILL)
     assert pieces(finished_run_copy)
     require_whole(finished_run_copy, finished_run)
+    if victim == "run":
+        run_to_completion(finished_run_copy, "--unlock")
     run_to_completion(finished_run_copy, STAGES[stage][0])
     assert file_digests(finished_run_copy) == file_digests(finished_run) and not pieces(
         finished_run_copy
@@ -137,7 +149,7 @@ def namespaces():
         pytest.skip(f"no disk can be mounted here: {done.stderr.strip()}")
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", STAGE_PARAMS)
 def test_a_disk_that_fills_is_one_clear_line_and_made_up_for_by_the_same_command(
     stage, finished_run, finished_run_copy, namespaces, tmp_path_factory
 ):
@@ -188,17 +200,3 @@ def test_a_run_beside_a_living_one_is_refused(finished_run, finished_run_copy, t
         second = run_snakemake(finished_run_copy, STAGES["judge"][0])
         assert second.returncode == 1 and "cannot be locked" in second.stderr
     assert run.returncode == 0 and file_digests(finished_run_copy) == file_digests(finished_run)
-
-
-def test_a_job_that_outlives_its_run_is_waited_for(
-    finished_run, finished_run_copy, tmp_path_factory
-):
-    with held(finished_run_copy, tmp_path_factory.mktemp("site")) as run:
-        run.kill()
-        run.wait()
-        second = run_snakemake(finished_run_copy, STAGES["judge"][0])
-        assert second.returncode == 1 and "cannot be locked" in second.stderr
-    with (finished_run_copy / ".snakemake/alive").open() as alive:
-        fcntl.flock(alive, fcntl.LOCK_EX)  # until the job has ended
-    run_to_completion(finished_run_copy, STAGES["judge"][0])
-    assert file_digests(finished_run_copy) == file_digests(finished_run)

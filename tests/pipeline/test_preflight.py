@@ -30,10 +30,10 @@ def preflight(folder):
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
+def recorded(small_log, tmp_path_factory):
     """Four placements of a board and of a cylinder, of which the camera sees the board only; not
     run yet."""
-    return simulate_into(tmp_path_factory.mktemp("recorded"), SMALL_ARGUMENTS)
+    return shutil.copytree(small_log, tmp_path_factory.mktemp("recorded"), dirs_exist_ok=True)
 
 
 @pytest.fixture(scope="module")
@@ -54,11 +54,11 @@ def test_no_stage_beyond_decode_and_gate_runs(recorded, tmp_path):
         recorded, tmp_path, ignore=shutil.ignore_patterns("results"), dirs_exist_ok=True
     )
     jobs = {rule for rule, _ in list_planned_jobs(tmp_path, "--", "preflight")}
-    assert jobs == {"decode", "gate", "preflight_of_rig", "preflight"}
+    assert jobs == {"decode", "gate", "preflight_rig", "preflight"}
 
 
 def test_a_run_for_results_makes_no_preflight(looked_at):
-    assert "preflight_of_rig" not in {rule for rule, _ in list_planned_jobs(looked_at[0])}
+    assert "preflight_rig" not in {rule for rule, _ in list_planned_jobs(looked_at[0])}
 
 
 def test_too_few_placements_are_a_warning_in_the_words_of_the_verdict(looked_at):

@@ -13,8 +13,11 @@ from helpers import small_run
 from helpers.small_run import (
     SNAKEMAKE,
     edit_yaml,
+    job_environment,
     list_job_commands,
     list_planned_jobs,
+    load_common_rules,
+    run_snakemake,
     run_to_completion,
     simulated_config_path,
     simulated_rig_path,
@@ -138,31 +141,35 @@ def test_a_killed_run_started_again_ends_with_the_same_bytes(finished_run, finis
         "--cores",
         "2",
     ]
-    run = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL)
+    run = subprocess.Popen(
+        command, start_new_session=True, stderr=subprocess.DEVNULL, env=job_environment()
+    )
     crop = finished_run_copy / "results/sim/sim/velodyne/crop.log"
     while not crop.exists():
         assert run.poll() is None
         time.sleep(0.05)
     os.killpg(run.pid, signal.SIGKILL)
     run.wait()
+    locked = run_snakemake(finished_run_copy)
+    assert locked.returncode == 1 and "--unlock" in " ".join(locked.stderr.splitlines()[-3:])
+    run_to_completion(finished_run_copy, "--unlock")
     run_to_completion(finished_run_copy)
     assert small_run.file_digests(finished_run_copy) == small_run.file_digests(finished_run)
 
 
-def test_the_code_of_a_stage_is_what_importing_it_loads(finished_run):
-    """code() follows import statements; a file that it missed would not re-run its stages."""
+def test_the_code_of_a_stage_is_what_importing_it_loads(finished_run, monkeypatch):
+    """find_stage_code() follows imports; a change of a file that it missed would re-run nothing."""
     probe = (
         "import sys, {stage}; from pathlib import Path; root = Path({stage}.__file__).parent;"
         "print(*sorted(str(Path(m.__file__).relative_to(root)) for m in list(sys.modules.values())"
         " if getattr(m, '__file__', None) and Path(m.__file__).is_relative_to(root)"
         " and '.venv' not in m.__file__))"
     )
-    text = run_to_completion(finished_run, "-n", "-F", "--quiet", "host").stdout
+    monkeypatch.chdir(finished_run)
+    settings = yaml.safe_load(simulated_config_path(finished_run).read_text())
+    find_stage_code = load_common_rules(settings)["find_stage_code"]
     for stage in sorted(ALL):
-        job = text.split(f"rule {stage}:")[1].split("output:")[0]
-        listed = {
-            p.split("scripts/", 1)[1] for p in job.replace("\n", ",").split(",") if "scripts/" in p
-        }
+        listed = {p.split("scripts/", 1)[1] for p in find_stage_code(stage)}
         command = [small_run.sys.executable, "-c", probe.format(stage=stage)]
         loaded = subprocess.run(
             command, capture_output=True, text=True, cwd=small_run.ROOT / "scripts"

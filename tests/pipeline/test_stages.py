@@ -1,6 +1,7 @@
 """Each stage's main() by hand on a simulated log without noise, against the truth."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -36,15 +37,15 @@ from calib.mocap.body_trajectory import relative_trajectory, trajectory_from_col
 from calib.mocap.stillness import trajectory_speeds
 from calib.sensors.sensor_models import camera_from_config
 from calib.targets.target_shapes import target_from_config
-from helpers.small_run import SMALL_ARGUMENTS, list_job_commands, simulate_into
+from helpers.small_run import list_job_commands
 
 HOME = "results/sim/sim"
 
 
 @pytest.fixture(scope="module")
-def by_hand(tmp_path_factory):
+def by_hand(small_log, tmp_path_factory):
     """A simulated log taken through all stages in this process, with the commands that did it."""
-    folder = simulate_into(tmp_path_factory.mktemp("hand"), SMALL_ARGUMENTS)
+    folder = shutil.copytree(small_log, tmp_path_factory.mktemp("hand"), dirs_exist_ok=True)
     commands = list_job_commands(folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)

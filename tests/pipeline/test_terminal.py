@@ -5,7 +5,6 @@ import json
 import re
 import sys
 from types import SimpleNamespace
-from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -19,12 +18,12 @@ from helpers.report_inputs import (
     BOARD_CONFIG,
     NO_VIEW,
     POSE_SIGMA,
-    ROOT,
     SENSOR_CONFIGS,
     T_ROBOT_SENSOR,
     make_calibration_json,
     remove_sensor_pose,
 )
+from helpers.small_run import load_common_rules
 
 
 def told(result, truth=None, reasons=()):
@@ -76,14 +75,7 @@ def common(tmp_path, monkeypatch):
         mocap = {"topics": ["/tf"], "map": "mcs/world"}
         content = {"body": "mcs/robot", "mocap": mocap, "sensors": SENSOR_CONFIGS} | truth
         (tmp_path / "config/rigs/robo.yaml").write_text(yaml.safe_dump(content))
-        path = ROOT / "workflow" / "common.smk"
-        asked = SimpleNamespace(targets=set())
-        workflow = SimpleNamespace(basedir=ROOT, dag_settings=asked)
-        names = {"workflow": workflow, "shell": MagicMock()}
-        names |= {"disk_full_message": lambda: ""}  # of startup_checks.smk
-        names["config"] = {"sessions": {"s1": {"rig": "robo", "log": "logs/s1.mcap"}}}
-        exec(compile(path.read_text(), path, "exec"), names)
-        return names
+        return load_common_rules({"sessions": {"s1": {"rig": "robo", "log": "logs/s1.mcap"}}})
 
     return load
 

@@ -76,8 +76,15 @@ def test_decode_says_of_a_fault_what_the_table_says(tmp_path, name):
         said = list_audit_messages(decode_tables(log, options)[2])
     except InputError as error:
         said = [str(error).replace(f"{tmp_path}/", "")]
-    expected = ROWS[name][SAID]
-    assert expected == "–" or any(expected in escape_table_cell(s) for s in said)
+    expected = without_byte_counts(ROWS[name][SAID])
+    assert expected == "–" or any(
+        expected in without_byte_counts(escape_table_cell(s)) for s in said
+    )
+
+
+def without_byte_counts(text):
+    """The text without numbers of bytes: how large a simulated log is depends on the machine."""
+    return re.sub(r"\bbyte \d+ of \d+|\b\d+ bytes", "bytes", text)
 
 
 def test_a_fault_taken_through_the_pipeline_gives_the_row_of_the_table(tmp_path):

@@ -1,6 +1,7 @@
 """First guesses found in the data: cameras by patterns and colours, lidars by what moved."""
 
 import json
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,10 +24,8 @@ from calib.io.stage_cli import read_json
 from calib.sensors.camera.camera_model import CameraModel
 from calib.targets.target_shapes import target_from_config
 from helpers.small_run import (
-    SMALL_ARGUMENTS,
     edit_yaml,
     list_job_commands,
-    simulate_into,
     simulated_rig_path,
 )
 from simulation import simulated_rigs
@@ -42,9 +41,9 @@ T_TRUE = make_pose(so3_exp([0.4, -1.1, 0.7]), [0.3, -0.2, 0.6])
 
 
 @pytest.fixture(scope="module")
-def here(tmp_path_factory):
+def here(small_log, tmp_path_factory):
     """A small log whose rig states no pose, decoded and gated; works in its folder."""
-    folder = simulate_into(tmp_path_factory.mktemp("guess"), SMALL_ARGUMENTS)
+    folder = shutil.copytree(small_log, tmp_path_factory.mktemp("guess"), dirs_exist_ok=True)
     edit_yaml(simulated_rig_path(folder), unstated)
     commands = list_job_commands(folder)
     with pytest.MonkeyPatch.context() as patch:
