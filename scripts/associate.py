@@ -6,6 +6,9 @@ Writes  pairs.parquet: the keypoints with the feature each belongs to, -1 for no
 Decides with calib.estimation.residuals, from the pose that extract worked out for each sensor.
 """
 
+import argparse
+from collections.abc import Sequence
+
 import numpy as np
 
 from calib.estimation.estimate_state import initial_state
@@ -14,7 +17,7 @@ from calib.estimation.measurement_groups import group_keypoints, make_still_plac
 from calib.estimation.solver import assign_at_initial_guess
 from calib.extraction.extractor_registry import NOISE_FACTORS
 from calib.io.parquet_tables import concatenate_columns, read_table, write_table
-from calib.io.stage_cli import logger, make_argument_parser, run_stage
+from calib.io.stage_cli import StageArgumentParser, logger, run_stage
 from calib.io.table_schemas import KEYPOINTS_SCHEMA, PAIRS_SCHEMA, PLACEMENTS_SCHEMA
 from calib.sensors.lens_from_log import with_lens_from_log
 from calib.sensors.sensor_models import sensor_model_from_config
@@ -44,14 +47,16 @@ def assign_sensor_measurements(
     return concatenate_columns(parts, PAIRS_SCHEMA)
 
 
+def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = StageArgumentParser(__doc__)
+    parser.add_paths("--keypoints", "keypoints.parquet of each sensor")
+    parser.add_path("--placements", "placements.parquet")
+    parser.add_path("--output", "pairs.parquet to write")
+    return parser.parse_args(argv)
+
+
 def main(argv=None):
-    args = make_argument_parser(
-        __doc__,
-        keypoints="*input",
-        placements="input",
-        output="output",
-        options="slice of the config",
-    ).parse_args(argv)
+    args = _parse_arguments(argv)
     options = args.options
     shapes = {n: target_from_config(c) for n, c in options["targets"].items()}
     table, _, _ = read_table(args.placements, PLACEMENTS_SCHEMA)

@@ -11,12 +11,14 @@ Decides by field of view, stillness and how new the pose is. Windows and limits 
         uncertainty: more views are kept than used, and extract selects again at the pose it finds.
 """
 
+import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from calib.io.logs.open_log import open_log, require_same_log
 from calib.io.parquet_tables import read_table, select_rows, write_table
-from calib.io.stage_cli import logger, make_argument_parser, read_json, run_stage
+from calib.io.stage_cli import StageArgumentParser, logger, read_json, run_stage
 from calib.io.status import Status
 from calib.io.table_schemas import FRAMES_SCHEMA, MOCAP_SCHEMA
 from calib.mocap.body_trajectory import target_trajectories
@@ -47,18 +49,20 @@ def write_views(path: Path, cropper: Cropper, rows: list[ViewRow], status: Statu
     write_table(path, cropper.schema, view_columns(rows, cropper.schema.names), status)
 
 
+def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = StageArgumentParser(__doc__)
+    parser.add_path("--placements", "placements.parquet")
+    parser.add_path("--mocap", "mocap.parquet")
+    parser.add_path("--frames", "frames.parquet")
+    parser.add_path("--guess", "guess.json")
+    parser.add_path("--audit", "log.json")
+    parser.add_path("--output", "views.parquet to write")
+    parser.add_path("--moving-views", "moving_views.parquet to write")
+    return parser.parse_args(argv)
+
+
 def main(argv: list[str] | None = None) -> None:
-    args = make_argument_parser(
-        __doc__,
-        placements="input",
-        mocap="input",
-        frames="input",
-        guess="input",
-        audit="input log.json",
-        output="output",
-        moving_views="output",
-        options="slice of the config",
-    ).parse_args(argv)
+    args = _parse_arguments(argv)
     options, audit, guess = args.options, read_json(args.audit), read_json(args.guess)
     require_same_log(options["log"], audit["fingerprint"])
     name = options["name"]

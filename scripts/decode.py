@@ -9,12 +9,15 @@ Writes  mocap.parquet   every pose of every body as recorded, with a fault where
 Decides nothing about quality: a missing topic or body becomes a status, and the rest goes on.
 """
 
+import argparse
+from collections.abc import Sequence
+
 from calib.decoding.body_tracks import audit_body, build_mocap_columns
 from calib.decoding.decoded_log import build_frame_columns, decode_log, infer_stream_clocks
 from calib.decoding.sensor_audit import audit_sensor, describe_unreadable_messages
 from calib.io.logs.open_log import open_log
 from calib.io.parquet_tables import write_table
-from calib.io.stage_cli import logger, make_argument_parser, run_stage, write_json
+from calib.io.stage_cli import StageArgumentParser, logger, run_stage, write_json
 from calib.io.table_schemas import FRAMES_SCHEMA, MOCAP_SCHEMA
 
 
@@ -41,10 +44,16 @@ def build_log_audit(options, log, recording, clocks, decoded_tables):
     }
 
 
+def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = StageArgumentParser(__doc__)
+    parser.add_path("--mocap", "mocap.parquet to write")
+    parser.add_path("--frames", "frames.parquet to write")
+    parser.add_path("--audit", "log.json to write")
+    return parser.parse_args(argv)
+
+
 def main(argv=None):
-    args = make_argument_parser(
-        __doc__, mocap="output", frames="output", audit="output", options="slice of the config"
-    ).parse_args(argv)
+    args = _parse_arguments(argv)
     options = args.options
     log = open_log(options["log"])
     recording = decode_log(log, options)

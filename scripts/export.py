@@ -8,8 +8,10 @@ Writes  export/*, unless the verdict is fail; what stood there before is removed
         beside it
 """
 
+import argparse
 import os
 import shutil
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -20,7 +22,7 @@ from calib.export.formats.format_registry import FORMATS
 from calib.export.urdf_sensor_joints import compute_joint_origins
 from calib.io.atomic_files import atomic_folder, atomic_write, remove_folder
 from calib.io.parquet_tables import read_table
-from calib.io.stage_cli import logger, make_argument_parser, read_json, run_stage
+from calib.io.stage_cli import StageArgumentParser, logger, read_json, run_stage
 from calib.io.status import InputError, Status
 from calib.io.table_schemas import FRAMES_SCHEMA, PLACEMENTS_SCHEMA
 from calib.io.urdf_file import read_urdf_joints, replace_joint_origins, urdf_backup_path
@@ -106,20 +108,22 @@ def write_export_files(folder, scene):
     return out
 
 
+def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = StageArgumentParser(__doc__)
+    parser.add_path("--calibration", "calibration.json")
+    parser.add_path("--verdict", "verdict.json")
+    parser.add_paths("--frames", "frames.parquet of each session")
+    parser.add_paths("--placements", "placements.parquet of each session")
+    parser.add_paths("--guesses", "guess.json of each session and sensor")
+    parser.add_paths("--views", "views.parquet of each session and sensor")
+    parser.add_paths("--urdf", "URDF to update in place, if any")
+    parser.add_path("--output", "folder to write")
+    parser.add_path("--history", "folder of the accepted calibrations")
+    return parser.parse_args(argv)
+
+
 def main(argv=None):
-    args = make_argument_parser(
-        __doc__,
-        calibration="input",
-        verdict="input",
-        frames="*input, one per session",
-        placements="*input, one per session",
-        guesses="*input, one per session and sensor",
-        views="*input, one per session and sensor",
-        urdf="*input and output, one or none",
-        output="folder",
-        history="folder of the calibrations that were accepted",
-        options="slice of the config",
-    ).parse_args(argv)
+    args = _parse_arguments(argv)
     remove_folder(args.output)
     calibration, judged = read_json(args.calibration), read_json(args.verdict)
     if judged["verdict"] == "fail":

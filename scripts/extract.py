@@ -8,6 +8,8 @@ Writes  keypoints.parquet: corners; returns near a target's surface, a superset 
 Starts from the guess and refines its working pose over its own views; never from a truth.
 """
 
+import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,9 +21,9 @@ from calib.extraction.extractor_registry import KEYPOINT_EXTRACTORS, extract_vie
 from calib.geometry.units import NS_PER_S
 from calib.io.parquet_tables import empty_columns, read_table, write_table
 from calib.io.stage_cli import (
+    StageArgumentParser,
     limit_opencv_threads,
     logger,
-    make_argument_parser,
     read_json,
     run_stage,
 )
@@ -93,18 +95,20 @@ def extraction_status(name, outcomes, keypoints):
     )
 
 
+def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = StageArgumentParser(__doc__)
+    parser.add_path("--views", "views.parquet")
+    parser.add_path("--moving-views", "moving_views.parquet")
+    parser.add_path("--placements", "placements.parquet")
+    parser.add_path("--mocap", "mocap.parquet")
+    parser.add_path("--guess", "guess.json")
+    parser.add_path("--output", "keypoints.parquet to write")
+    parser.add_path("--moving-keypoints", "moving_keypoints.parquet to write")
+    return parser.parse_args(argv)
+
+
 def main(argv=None):
-    args = make_argument_parser(
-        __doc__,
-        views="input",
-        moving_views="input",
-        placements="input",
-        mocap="input",
-        guess="input",
-        output="output",
-        moving_keypoints="output",
-        options="slice of the config",
-    ).parse_args(argv)
+    args = _parse_arguments(argv)
     limit_opencv_threads()
     options = args.options
     kind = options["sensor"]["kind"]

@@ -6,12 +6,15 @@ Writes  placements.parquet: maximal still intervals per target, trimmed at both 
 Decides by linear and angular speed over a window, from the MCS alone.
 """
 
+import argparse
+from collections.abc import Sequence
+
 import numpy as np
 
 from calib.geometry.se3 import adjoint, invert_pose, mean_pose, pose_to_quat
 from calib.io.parquet_tables import read_table, write_table
 from calib.io.pose_block import pose_sigma_from_config
-from calib.io.stage_cli import logger, make_argument_parser, read_json, run_stage
+from calib.io.stage_cli import StageArgumentParser, logger, read_json, run_stage
 from calib.io.status import OK, Status, failure_status
 from calib.io.table_schemas import MOCAP_SCHEMA, PLACEMENTS_SCHEMA
 from calib.mocap.body_trajectory import relative_trajectory, trajectory_from_columns
@@ -89,10 +92,16 @@ def find_target_placements(target, trajectory, options, pose_sigma):
     return sorted(merged, key=lambda r: r["start_ns"])
 
 
+def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = StageArgumentParser(__doc__)
+    parser.add_path("--mocap", "mocap.parquet")
+    parser.add_path("--audit", "log.json")
+    parser.add_path("--output", "placements.parquet to write")
+    return parser.parse_args(argv)
+
+
 def main(argv=None):
-    args = make_argument_parser(
-        __doc__, mocap="input", audit="input", output="output", options="slice of the config"
-    ).parse_args(argv)
+    args = _parse_arguments(argv)
     options = args.options
     columns, _, _ = read_table(args.mocap, MOCAP_SCHEMA)
     audit = read_json(args.audit)["bodies"]

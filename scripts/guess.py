@@ -11,6 +11,8 @@ messages; what the sensor saw of the targets, whose poses in the robot frame are
 are unknown are found by cameras.
 """
 
+import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,9 +22,9 @@ from calib.initial_guess.stated_pose import read_pose_guess
 from calib.io.logs.open_log import open_log, require_same_log
 from calib.io.pose_block import pose_from_config, pose_json, pose_sigma_from_config
 from calib.io.stage_cli import (
+    StageArgumentParser,
     limit_opencv_threads,
     logger,
-    make_argument_parser,
     read_json,
     run_stage,
     write_json,
@@ -162,16 +164,18 @@ def add_log_metadata(options, sensor_audits):
     return options | {"sensor": sensor, "cameras": cameras}
 
 
+def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = StageArgumentParser(__doc__)
+    parser.add_path("--audit", "log.json")
+    parser.add_paths("--mocap", "mocap.parquet, if a time offset or a pose must be estimated")
+    parser.add_paths("--placements", "placements.parquet, if a pose must be estimated")
+    parser.add_paths("--frames", "frames.parquet, if a time offset or a pose must be estimated")
+    parser.add_path("--output", "guess.json to write")
+    return parser.parse_args(argv)
+
+
 def main(argv=None):
-    args = make_argument_parser(
-        __doc__,
-        audit="input log.json",
-        mocap="*input, where the clock's offset is to be found",
-        placements="*input, where something is to be found",
-        frames="*input, likewise",
-        output="output",
-        options="slice of the config",
-    ).parse_args(argv)
+    args = _parse_arguments(argv)
     audit = read_json(args.audit)
     options = add_log_metadata(args.options, audit["sensors"])
     log = open_log_if_needed(options, audit)

@@ -6,9 +6,12 @@ Writes  index.html, complete in itself but for its links
 Decides nothing; a rig whose jobs stopped is shown with what stopped them.
 """
 
+import argparse
+from collections.abc import Sequence
+
 from calib.export.accepted_calibrations import read_earlier_calibrations
 from calib.io.atomic_files import write_file
-from calib.io.stage_cli import logger, make_argument_parser, read_json, run_stage
+from calib.io.stage_cli import StageArgumentParser, logger, read_json, run_stage
 from calib.io.status import InputError
 from calib.report.page.html_page import render_template
 from calib.report.page.rigs_page import build_rig_overview
@@ -47,14 +50,18 @@ def rig_page_links(rig_folder):
     ]
 
 
+def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = StageArgumentParser(
+        __doc__, options_help="{rigs: {name: {sessions, stopped}}}, as JSON"
+    )
+    parser.add_path("--results", "folder of all results")
+    parser.add_paths("--templates", "Jinja2 templates, style and scripts of the page")
+    parser.add_path("--output", "index.html to write")
+    return parser.parse_args(argv)
+
+
 def main(argv=None):
-    args = make_argument_parser(
-        __doc__,
-        results="folder",
-        templates="*input, Jinja2, style and scripts of the page",
-        output="output",
-        options="{rigs: {name: {sessions, stopped}}}",
-    ).parse_args(argv)
+    args = _parse_arguments(argv)
     rigs = sorted(args.options["rigs"].items())
     told = [collect_rig_summary(args.results / n, r["sessions"], r["stopped"]) for n, r in rigs]
     page = render_template(args.templates, "index.html.j2", {"rigs": told})

@@ -5,8 +5,11 @@ Writes  calibration.json  the results as robots and people read them
         verdict.json      the verdict, its reasons, the limits it was judged by
 """
 
+import argparse
+from collections.abc import Sequence
+
 from calib.io.config import validate_and_complete
-from calib.io.stage_cli import logger, make_argument_parser, read_json, run_stage, write_json
+from calib.io.stage_cli import StageArgumentParser, logger, read_json, run_stage, write_json
 from calib.verdict.rig_verdict import rig_findings
 
 CALIBRATION_SCHEMA_VERSION = 1
@@ -42,14 +45,16 @@ def calibration_json(solution, overall, reasons, levels):
     }
 
 
+def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = StageArgumentParser(__doc__)
+    parser.add_path("--solution", "solution.json")
+    parser.add_path("--calibration", "calibration.json to write")
+    parser.add_path("--verdict", "verdict.json to write")
+    return parser.parse_args(argv)
+
+
 def main(argv=None):
-    args = make_argument_parser(
-        __doc__,
-        solution="input",
-        calibration="output",
-        verdict="output",
-        options="slice of the config",
-    ).parse_args(argv)
+    args = _parse_arguments(argv)
     limits = args.options["judge"]
     solution = read_json(args.solution)
     overall, findings, levels = rig_findings(solution, limits)

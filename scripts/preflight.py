@@ -8,9 +8,12 @@ them: what is out of view for certain is not seen, and of a pose that nobody sta
 payload is read. A verdict of fail says that no sensor can be calibrated.
 """
 
+import argparse
+from collections.abc import Sequence
+
 from calib.io.atomic_files import atomic_write
 from calib.io.parquet_tables import read_table
-from calib.io.stage_cli import logger, make_argument_parser, read_json, run_stage, write_json
+from calib.io.stage_cli import StageArgumentParser, logger, read_json, run_stage, write_json
 from calib.io.table_schemas import FRAMES_SCHEMA, MOCAP_SCHEMA
 from calib.report.page.preflight_text import PreflightRun, format_preflight
 from calib.verdict.preflight_findings import (
@@ -51,17 +54,19 @@ def preflight_json(sessions, options):
     return about | {"sensors": sensor_visibility_json(seen), "targets": targets}
 
 
+def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = StageArgumentParser(__doc__)
+    parser.add_paths("--audits", "log.json of each session")
+    parser.add_paths("--mocap", "mocap.parquet of each session")
+    parser.add_paths("--frames", "frames.parquet of each session")
+    parser.add_paths("--placements", "placements.parquet of each session")
+    parser.add_path("--json", "preflight.json to write")
+    parser.add_path("--text", "preflight.txt to write")
+    return parser.parse_args(argv)
+
+
 def main(argv=None):
-    args = make_argument_parser(
-        __doc__,
-        audits="*input log.json, one per session, in their order",
-        mocap="*input, likewise",
-        frames="*input, likewise",
-        placements="*input, likewise",
-        json="output",
-        text="output",
-        options="slice of the config",
-    ).parse_args(argv)
+    args = _parse_arguments(argv)
     options = args.options
     paths = zip(args.audits, args.frames, args.mocap, args.placements, strict=True)
     named = zip(sorted(options["sessions"]), paths, strict=True)

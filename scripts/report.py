@@ -11,7 +11,7 @@ Decides nothing; what could not be done is shown with its reason, found, expecte
 from plotly.offline import get_plotlyjs
 
 from calib.io.atomic_files import write_file
-from calib.io.stage_cli import logger, make_argument_parser, run_stage
+from calib.io.stage_cli import StageArgumentParser, logger, run_stage
 from calib.report.data.run_loader import read_report_run
 from calib.report.figures.correlation_figure import draw_correlation_matrix
 from calib.report.figures.coverage_figures import draw_view_coverage
@@ -202,24 +202,22 @@ def build_session_context(run, name):
 
 def parse_report_arguments(argv):
     """The parsed command line."""
-    return make_argument_parser(
-        __doc__,
-        calibration="input",
-        verdict="input",
-        residuals="input",
-        iterations="input",
-        audits="*input log.json, one per session",
-        frames="*input, one per session",
-        placements="*input, one per session",
-        guesses="*input, one per session and sensor",
-        views="*input, one per session and sensor",
-        keypoints="*input, one per session and sensor",
-        templates="*input, Jinja2, style and scripts of the page",
-        html="output",
-        pdf="output",
-        figures="*output, named after what they show",
-        options="slice of the config",
-    ).parse_args(argv)
+    parser = StageArgumentParser(__doc__)
+    parser.add_path("--calibration", "calibration.json")
+    parser.add_path("--verdict", "verdict.json")
+    parser.add_path("--residuals", "residuals.parquet")
+    parser.add_path("--iterations", "iterations.parquet")
+    parser.add_paths("--audits", "log.json of each session")
+    parser.add_paths("--frames", "frames.parquet of each session")
+    parser.add_paths("--placements", "placements.parquet of each session")
+    parser.add_paths("--guesses", "guess.json of each session and sensor")
+    parser.add_paths("--views", "views.parquet of each session and sensor")
+    parser.add_paths("--keypoints", "keypoints.parquet of each session and sensor")
+    parser.add_paths("--templates", "Jinja2 templates, style and scripts of the page")
+    parser.add_path("--html", "report.html to write")
+    parser.add_path("--pdf", "report.pdf to write")
+    parser.add_paths("--figures", "figures to write, each named by its content")
+    return parser.parse_args(argv)
 
 
 def render_html_report(templates, context):

@@ -9,6 +9,8 @@ Decides which measurements are members, with the library function that associate
 nothing moves. A sensor that the data cannot place gets no pose, and stops no other.
 """
 
+import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -27,7 +29,7 @@ from calib.estimation.problem_assembly import (
     statuses_before_solve,
 )
 from calib.io.parquet_tables import read_table, write_table
-from calib.io.stage_cli import logger, make_argument_parser, run_stage, write_json
+from calib.io.stage_cli import StageArgumentParser, logger, run_stage, write_json
 from calib.io.table_schemas import (
     ITERATIONS_SCHEMA,
     KEYPOINTS_SCHEMA,
@@ -66,18 +68,20 @@ def read_moving_keypoints(args, options):
     return out
 
 
+def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = StageArgumentParser(__doc__)
+    parser.add_paths("--pairs", "pairs.parquet of each session")
+    parser.add_paths("--placements", "placements.parquet of each session")
+    parser.add_paths("--mocap", "mocap.parquet of each session")
+    parser.add_paths("--moving-keypoints", "moving_keypoints.parquet of each session and sensor")
+    parser.add_path("--solution", "solution.json to write")
+    parser.add_path("--residuals", "residuals.parquet to write")
+    parser.add_path("--iterations", "iterations.parquet to write")
+    return parser.parse_args(argv)
+
+
 def main(argv=None):
-    args = make_argument_parser(
-        __doc__,
-        pairs="*input, one per session",
-        placements="*input, one per session",
-        mocap="*input, one per session",
-        moving_keypoints="*input, one per sensor of every session",
-        solution="output",
-        residuals="output",
-        iterations="output",
-        options="slice of the config",
-    ).parse_args(argv)
+    args = _parse_arguments(argv)
     options = args.options
     sessions, mounts = read_paired_sessions(args, options)
     sessions = reject_lens_mismatches(sessions)

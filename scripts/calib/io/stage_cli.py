@@ -17,23 +17,24 @@ logger = logging.getLogger("calib")
 PROCESS_START_S = time.perf_counter() - time.process_time()
 
 
-def make_argument_parser(description, **arguments):
-    """A parser with the stage's docstring as help; each argument is --name with its help text.
+class StageArgumentParser(argparse.ArgumentParser):
+    """Command line of a stage: its docstring as help, --options and one flag per file."""
 
-    A help text that begins with "*" makes the argument take any number of values.
-    """
-    p = argparse.ArgumentParser(
-        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    for name, text in arguments.items():
-        flag = "--" + name.replace("_", "-")
-        if name == "options":
-            p.add_argument(flag, required=True, type=json.loads, help=text)
-        elif text.startswith("*"):
-            p.add_argument(flag, required=True, nargs="*", type=Path, help=text[1:].strip())
-        else:
-            p.add_argument(flag, required=True, type=Path, help=text)
-    return p
+    def __init__(
+        self, description: str | None, options_help: str = "slice of the config, as JSON"
+    ) -> None:
+        super().__init__(
+            description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+        )
+        self.add_argument("--options", type=json.loads, required=True, help=options_help)
+
+    def add_path(self, flag: str, description: str) -> None:
+        """Add a required flag that takes one path."""
+        self.add_argument(flag, type=Path, required=True, help=description)
+
+    def add_paths(self, flag: str, description: str) -> None:
+        """Add a required flag that takes any number of paths."""
+        self.add_argument(flag, type=Path, nargs="*", required=True, help=description)
 
 
 class EscapingFormatter(logging.Formatter):
