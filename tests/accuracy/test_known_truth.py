@@ -8,6 +8,8 @@ import pytest
 from calib.geometry.se3 import invert_pose, se3_log
 from helpers.small_run import run_to_completion, simulate_into
 
+pytestmark = pytest.mark.pipeline
+
 NOISE = (
     "--range-noise-m 0.01 --image-noise 1.8 --mcs-noise-m 0.00015 --mcs-noise-deg 0.02"
     " --mcs-bias-m 0.0001 --mcs-bias-deg 0.01"

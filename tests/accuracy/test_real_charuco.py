@@ -13,6 +13,8 @@ import pytest
 from helpers.real_data import find_shared_data
 from helpers.small_run import edit_yaml, run_snakemake
 
+pytestmark = pytest.mark.real
+
 EXACT = {"xyz_m": 1e-6, "rpy_deg": 1e-4}
 
 

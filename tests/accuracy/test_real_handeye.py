@@ -24,6 +24,8 @@ from calib.views import moving_view_selection
 from helpers.real_data import find_shared_data
 from helpers.synthetic_setup import ASSOCIATE_SETTINGS
 
+pytestmark = pytest.mark.real
+
 EDGE = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
 BOARD = Board(EDGE, 0.0, Checkerboard(4, 4, 0.25, (-0.375, -0.375)))
 CAMERA = CameraModel("radtan", (200.0, 200.0, 319.5, 239.5, 0.0, 0.0, 0.0, 0.0), (640, 480))

@@ -13,6 +13,8 @@ from calib.io.table_schemas import PAIRS_SCHEMA, RESIDUALS_SCHEMA
 from helpers.real_data import find_shared_data
 from helpers.small_run import list_job_commands, run_to_completion
 
+pytestmark = pytest.mark.real
+
 HOME = "results/car"
 
 

@@ -23,6 +23,8 @@ from helpers.small_run import (
     run_to_completion,
 )
 
+pytestmark = pytest.mark.pipeline
+
 SENSOR, SESSION, RIG = "results/sim/sim/velodyne", "results/sim/sim", "results/sim"
 # What every stage writes; the first is asked for.
 STAGES = {

@@ -16,6 +16,8 @@ from helpers.small_run import (
     simulated_rig_path,
 )
 
+pytestmark = pytest.mark.pipeline
+
 VERDICT = "results/sim/verdict.json"
 
 
@@ -49,6 +51,7 @@ def test_a_missing_topic_fails_that_sensor_with_the_nearest_name_and_keeps_the_o
     assert "topic /camera/image_rwa is not in the log" in run.stderr.split("sim: FAIL")[1]
 
 
+@pytest.mark.slow
 def test_a_lens_that_no_camera_info_tells_fails_that_camera_in_words_and_keeps_the_lidar(
     finished_run_copy,
 ):
@@ -83,6 +86,7 @@ def test_an_unseen_target_body_is_named_and_the_other_target_serves(finished_run
     assert calibration(finished_run_copy)["sensors"]["velodyne"]["placements"] == 4
 
 
+@pytest.mark.slow
 def test_an_unseen_robot_body_fails_every_sensor_in_words(finished_run_copy):
     edit_yaml(simulated_rig_path(finished_run_copy), lambda r: r.update(body="mocap/robto"))
     run_to_completion(finished_run_copy, VERDICT)
@@ -93,6 +97,7 @@ def test_an_unseen_robot_body_fails_every_sensor_in_words(finished_run_copy):
         assert sensor["T_robot_sensor"] is None
 
 
+@pytest.mark.slow
 def test_a_sensor_without_a_view_says_why_and_keeps_the_other(finished_run_copy):
     away = {"xyz_m": [0.2, 0.0, 0.6], "rpy_deg": [0, 180, 0]}
     edit_yaml(
@@ -107,6 +112,7 @@ def test_a_sensor_without_a_view_says_why_and_keeps_the_other(finished_run_copy)
     assert result["velodyne"]["status"]["ok"]
 
 
+@pytest.mark.slow
 def test_a_board_that_is_stated_the_wrong_way_round_says_which_way_is_right(finished_run_copy):
     turned = {"xyz_m": [0, 0, 0], "rpy_deg": [0, 180, 0]}
     edit_yaml(
@@ -119,6 +125,7 @@ def test_a_board_that_is_stated_the_wrong_way_round_says_which_way_is_right(fini
     assert status["remedy"].startswith("Turn T_body_target of the board that is seen from behind")
 
 
+@pytest.mark.slow
 def test_a_pattern_that_was_printed_mirrored_says_so_on_the_first_screen(finished_run_copy):
     """Of a board with an odd and an even number of squares, a mirror swaps black and white."""
     board = finished_run_copy / "config/targets/board.yaml"
@@ -136,6 +143,7 @@ def test_a_pattern_that_was_printed_mirrored_says_so_on_the_first_screen(finishe
     assert status["reason"] in banner and status["remedy"] in banner
 
 
+@pytest.mark.slow
 def test_a_sensor_that_cannot_be_found_says_what_to_record_or_write_and_keeps_the_other(
     finished_run_copy,
 ):
@@ -155,6 +163,7 @@ def test_a_sensor_that_cannot_be_found_says_what_to_record_or_write_and_keeps_th
     assert result["velodyne"]["status"]["ok"]
 
 
+@pytest.mark.slow
 def test_a_log_cut_short_is_calibrated_from_what_is_there_and_the_report_says_so(
     finished_run, finished_run_copy
 ):

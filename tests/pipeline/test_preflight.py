@@ -18,6 +18,8 @@ from helpers.small_run import (
     simulated_rig_path,
 )
 
+pytestmark = pytest.mark.pipeline
+
 SCHEMAS = {"camera": CAMERA_VIEWS_SCHEMA, "velodyne": LIDAR_VIEWS_SCHEMA}
 
 

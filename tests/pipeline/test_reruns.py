@@ -7,6 +7,7 @@ import signal
 import subprocess
 import time
 
+import pytest
 import yaml
 
 from helpers import small_run
@@ -22,6 +23,8 @@ from helpers.small_run import (
     simulated_config_path,
     simulated_rig_path,
 )
+
+pytestmark = pytest.mark.pipeline
 
 AFTER_EXTRACT = {"associate", "solve", "judge", "report", "export"}
 SENSOR_STAGES = {"guess", "crop", "extract"}

@@ -87,6 +87,7 @@ def without_byte_counts(text):
     return re.sub(r"\bbyte \d+ of \d+|\b\d+ bytes", "bytes", text)
 
 
+@pytest.mark.slow
 def test_a_fault_taken_through_the_pipeline_gives_the_row_of_the_table(tmp_path):
     found = measure_all_faults(tmp_path, ["topic_wrong"])
     made = format_fault_row("topic_wrong", found["topic_wrong"], found[CLEAN_NAME])

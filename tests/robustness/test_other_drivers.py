@@ -17,6 +17,8 @@ from simulation.config_and_truth import write_simulated_config, write_truth
 from simulation.ros_log import CLOUD_TYPE, IMAGE_TYPE, write_simulated_mcap
 from simulation.session_recording import generate_messages
 
+pytestmark = pytest.mark.pipeline
+
 RESULTS = "results/sim"
 
 
