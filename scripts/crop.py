@@ -82,7 +82,7 @@ def main(argv: list[str] | None = None) -> None:
         if status.ok:
             status = visibility_status(name, [row["reason"] for row in rows])
         # Without times of its points, a scan of a moving target says nothing about the offset.
-        if status.ok and options["crop"]["max_moving"] and cropper.has_measurement_time:
+        if status.ok and options["crop"]["max_moving_views"] and cropper.has_measurement_time:
             moving_rows = cut_moving_views(cutter, args.mocap, options)
     write_views(args.output, cropper, rows, status)
     write_views(args.moving_views, cropper, moving_rows, status)

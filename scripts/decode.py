@@ -73,7 +73,7 @@ def main(argv=None):
     for fault in found["faults"]:
         logger.warning("%s", fault)
     for name, about in found["sensors"].items():
-        for what, words in about.get("told", {}).items():
+        for what, words in about.get("inferred", {}).items():
             logger.info("%s: %s: %s", name, what, words)
     for name, about in (found["bodies"] | found["sensors"]).items():
         if not about["status"]["ok"]:

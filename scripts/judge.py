@@ -17,11 +17,19 @@ CALIBRATION_SCHEMA_VERSION = 1
 
 def calibration_json(solution, overall, reasons, levels):
     """The content of calibration.json."""
-    keep = ("kind", "frame", "status", "guess", "T_robot_sensor", "covariance", "weakest")
-    keep += ("placements", "observations", "points", "rejected", "residual", "undetermined")
-    keep += ("advice", "next_view", "left_out", "fit", "held_out", "predicted", "corrections")
-    keep += ("common_range_sigma_m",)
-    keep += ("time_offset_s", "clock", "time_wander", "intrinsics", "lens")
+    keep = ("kind", "frame", "status", "guess", "T_robot_sensor", "covariance", "least_certain")
+    keep += ("placements", "observations", "points", "rejected_share", "residual", "undetermined")
+    keep += (
+        "recording_advice",
+        "next_view",
+        "rejected_by_region",
+        "fit_by_kind",
+        "leave_one_out",
+        "sigma_by_placements",
+        "corrections",
+        "common_range_sigma_m",
+    )
+    keep += ("time_offset_s", "time_offset_note", "clock_drift", "intrinsics", "intrinsics_note")
     sensors = {
         name: {k: sensor[k] for k in keep} | {"verdict": levels[name]}
         for name, sensor in solution["sensors"].items()
@@ -34,7 +42,7 @@ def calibration_json(solution, overall, reasons, levels):
         "sensors": sensors,
         "joint_covariance": solution["joint_covariance"],
         "pairs": solution["pairs"],
-        "suspicions": solution["suspicions"],
+        "suspected_errors": solution["suspected_errors"],
         "mocap_offsets_s": solution["mocap_offsets_s"],
         "influences": solution["influences"],
         "targets": solution["targets"],

@@ -55,5 +55,5 @@ def test_with_estimated_ones_they_reproject_to_1_2_px_at_most(results):
 
 def test_what_was_not_asked_for_is_null(results):
     assert camera(results, False)["intrinsics"] is None
-    assert camera(results, True)["clock"] == "not observable: no relative motion"
+    assert camera(results, True)["time_offset_note"] == "not observable: no relative motion"
     assert camera(results, True)["time_offset_s"] is None

@@ -32,14 +32,14 @@ def test_a_single_placement_fails_and_says_to_hold_targets_in_more_places(restin
     assert verdict["verdict"] == "fail"
     assert verdict["reasons"][0] == "camera: placements 1, fail below 3"
     assert verdict["findings"][0]["remedy"].startswith("hold targets still in more places")
-    advice = calibration["sensors"]["camera"]["advice"]
+    advice = calibration["sensors"]["camera"]["recording_advice"]
     assert advice.startswith("Hold a target still in at least 3 different places")
 
 
 def test_where_nothing_moves_no_clock_is_told(resting):
     for sensor in resting[1]["sensors"].values():
         assert sensor["time_offset_s"] is None
-        assert sensor["clock"] == "not observable: no relative motion"
+        assert sensor["time_offset_note"] == "not observable: no relative motion"
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def upright(tmp_path_factory):
 
 
 def test_rotation_about_one_axis_leaves_the_mount_to_its_prior_and_asks_to_tilt_the_target(upright):
-    (found,) = [f for f in upright[0]["findings"] if f["check"] == "alignment"]
+    (found,) = [f for f in upright[0]["findings"] if f["check"] == "target_mount"]
     assert found["level"] == "warn"
     assert "nothing tells where board sits in its body by its place along y" in found["text"]
     assert found["remedy"].startswith("tilt board by 30° or more about two other axes")
@@ -68,4 +68,4 @@ def test_what_only_the_prior_tells_stands_in_the_sigma_of_the_sensors(upright):
         spread = np.array(sensor["covariance"])
         assert off @ np.linalg.solve(spread, off) / 6 < 2.8, name  # 1 % of honest ones exceed it
         assert np.sqrt(np.trace(spread[:3, :3])) == pytest.approx(0.004, rel=0.1), name
-        assert sensor["weakest"]["direction"] == "translation along z of the robot body"
+        assert sensor["least_certain"]["direction"] == "translation along z of the robot body"

@@ -70,20 +70,20 @@ VERDICT_LIMITS = {
     "fail_rejected": 0.5,
     "warn_placements": 5,
     "fail_placements": 3,
-    "warn_heldout": 2.0,
-    "fail_heldout": 4.0,
+    "warn_leave_one_out": 2.0,
+    "fail_leave_one_out": 4.0,
 }
 REJECTED_REGION_JSON = {
     "target": "board",
     "kind": "target_surface",
-    "where": "before the surface",
+    "region": "before the surface",
     "count": 7,
-    "of": 70,
+    "n_measurements": 70,
 }
 NEXT_VIEW_JSON = {
     "target": "board",
     "T_sensor_target": pose_json(make_pose(None, [0.0, 0.0, 2.0])),
-    "words": "2.0 m away, its face turned 40° left as the sensor sees it",
+    "description": "2.0 m away, its face turned 40° left as the sensor sees it",
     "direction": "translation along z of the robot body",
     "unit": "m",
     "sigma": 0.003,
@@ -92,10 +92,10 @@ NEXT_VIEW_JSON = {
 }
 LEAVE_ONE_OUT_JSON = {
     "placements": 2,
-    "directions": 12,
+    "n_directions": 12,
     "rms_m": 0.002,
     "rms_rad": 0.01,
-    "ratio": 1.1,
+    "error_over_sigma": 1.1,
 }
 T_ROBOT_SENSOR = {
     "left": pose_from_rpy([0.1, 0.02, 0.3], np.radians([-90, 0, -90])),
@@ -291,39 +291,39 @@ def make_sensor_result(sensor):
         "guess": {k: guess[k] for k in ("T_robot_sensor", "sigma", "source", "time_offset_s")},
         "T_robot_sensor": pose_json(T_ROBOT_SENSOR[sensor]),
         "covariance": np.diag(POSE_SIGMA**2).tolist(),
-        "weakest": {"direction": "translation along z of the robot body", "sigma": 0.003},
+        "least_certain": {"direction": "translation along z of the robot body", "sigma": 0.003},
         "placements": 12,
         "observations": 34,
         "points": 5678,
-        "rejected": 0.05,
+        "rejected_share": 0.05,
         "residual": {"rms": 0.0123, "unit": "px" if sensor == "left" else "m"},
         "undetermined": [],
-        "advice": "Tilt the board.",
+        "recording_advice": "Tilt the board.",
         "next_view": NEXT_VIEW_JSON,
-        "left_out": [
+        "rejected_by_region": [
             REJECTED_REGION_JSON
             | {"kind": "pattern_corner" if sensor == "left" else "target_surface"}
         ],
-        "fit": {},
-        "held_out": LEAVE_ONE_OUT_JSON,
+        "fit_by_kind": {},
+        "leave_one_out": LEAVE_ONE_OUT_JSON,
         "corrections": [],
         "common_range_sigma_m": None,
-        "predicted": {
+        "sigma_by_placements": {
             "placements": [3, 6, 12],
             "sigma_m": [None, 0.004, 0.003],
             "sigma_rad": [3e-3, 2e-3, 1e-3],
         },
         "time_offset_s": None,
-        "clock": "",
-        "time_wander": None,
+        "time_offset_note": "",
+        "clock_drift": None,
         "intrinsics": None,
-        "lens": "",
+        "intrinsics_note": "",
     }
 
 
 def make_influence_json(placement, influence, nees):
     """What one placement does to both sensors."""
-    sensors = {n: {"influence": influence, "nees": nees, "directions": 6} for n in SENSOR_CONFIGS}
+    sensors = {n: {"influence": influence, "nees": nees, "n_directions": 6} for n in SENSOR_CONFIGS}
     return {"session": "s1", "target": "board", "placement": placement, "sensors": sensors}
 
 
@@ -340,7 +340,7 @@ def make_calibration_json():
             "matrix": np.diag(np.tile(POSE_SIGMA**2, 2)).tolist(),
         },
         "pairs": [],
-        "suspicions": [],
+        "suspected_errors": [],
         "mocap_offsets_s": {},
         "influences": [make_influence_json(0, 1.4, 5.0), make_influence_json(1, None, 7.0)],
         "repeatability": [],
@@ -356,13 +356,15 @@ def make_calibration_json():
 
 def remove_sensor_pose(calibration, sensor, status):
     """The calibration with one sensor that could not be solved."""
-    none = dict.fromkeys(("T_robot_sensor", "covariance", "weakest", "held_out", "predicted"))
+    none = dict.fromkeys(
+        ("T_robot_sensor", "covariance", "least_certain", "leave_one_out", "sigma_by_placements")
+    )
     none["next_view"] = None
     counts = dict.fromkeys(("placements", "observations", "points"), 0)
     calibration["sensors"][sensor] |= {
         "status": status.to_dict(),
         "verdict": "fail",
-        "rejected": 0.0,
+        "rejected_share": 0.0,
     }
     calibration["sensors"][sensor] |= none | counts | {"residual": {"rms": None, "unit": "px"}}
     left = [n for n, s in sorted(calibration["sensors"].items()) if s["T_robot_sensor"]]

@@ -126,11 +126,11 @@ def test_of_a_target_whose_mount_is_unknown_the_placements_are_an_upper_bound(co
 
 def test_without_an_offset_to_find_no_motion_is_asked_for(copied):
     settings = {"estimate": {"time_offset": False}}
-    crop = {"max_moving": 0}
+    crop = {"max_moving_views": 0}
     edit_yaml(simulated_config_path(copied), lambda c: c.update(solve=settings, crop=crop))
     _, found, *_ = preflight(copied)
     assert {s["views_in_motion"] for s in found["sensors"].values()} == {0}
-    assert all(f["check"] != "offset_s" for f in found["findings"])
+    assert all(f["check"] != "time_offset_s" for f in found["findings"])
 
 
 def test_a_sensor_that_is_not_in_the_log_is_named_and_the_other_is_calibrated(copied):
@@ -206,7 +206,7 @@ def test_turns_about_one_axis_only_ask_to_tilt_the_target(tmp_path):
     folder = simulate_into(tmp_path, f"{arguments} --targets board --upright")
     code, found, text, _ = preflight(folder)
     (finding,) = found["findings"]
-    assert code == 0 and finding["check"] == "alignment"
+    assert code == 0 and finding["check"] == "target_mount"
     assert "nothing tells where board sits in its body by its place along y" in finding["text"]
     most, second, least = found["targets"]["board"]["turns_deg"]
     assert most > 10 and second < 0.1 and least < 0.1

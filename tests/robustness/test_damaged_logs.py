@@ -139,7 +139,7 @@ def test_a_cloud_with_other_fields_hides_nothing_of_the_rest():
             cloud.fields.append(field)
         heard.take(SimpleNamespace(content=cloud, log_t=CONTAINER_START_NS + i * 10**8))
     told, status = heard.told(10**8, {})
-    assert status.ok and "no ring" in told["told"]["ring"]
+    assert status.ok and "no ring" in told["inferred"]["ring"]
 
 
 def test_a_message_that_is_not_defined_as_ros_does_it_is_a_fault_of_its_own():

@@ -161,7 +161,7 @@ def commands(tmp_path_factory):
     written = {
         "config.yaml": {
             "sessions": {"matrix": {"rig": "matrix", "log": "a.mcap"}},
-            "crop": {"max_frames": 3, "max_moving": 4},
+            "crop": {"max_frames": 3, "max_moving_views": 4},
         },
         "rigs/matrix.yaml": {"body": "robot_body", "mocap": mocap, "sensors": sensors},
         "targets/panel.yaml": SIMULATED_TARGETS["board"] | {"body": "board_body"},

@@ -55,11 +55,11 @@ def test_organised_clouds_on_a_clock_and_mosaics_with_camera_info_give_the_poses
     found, told = errors(tmp_path), audit(tmp_path)
     assert found["velodyne"][0] < 1e-7 and found["velodyne"][1] < 1e-7
     assert found["camera"][0] < 2e-5 and found["camera"][1] < 1e-5
-    assert told["camera"]["told"]["lens"] == "K and D of CameraInfo (plumb_bob)"
+    assert told["camera"]["inferred"]["lens"] == "K and D of CameraInfo (plumb_bob)"
     guess = json.loads((tmp_path / RESULTS / "sim/camera/guess.json").read_text())
     assert guess["camera"] == told["camera"]["camera"]
     assert guess["camera"]["size_px"] == [900, 700]
-    assert "on the clock of the stamps" in told["velodyne"]["told"]["time"]
+    assert "on the clock of the stamps" in told["velodyne"]["inferred"]["time"]
     assert offset(tmp_path, "velodyne")["value"] == pytest.approx(0, abs=1e-4)
 
 
@@ -69,7 +69,7 @@ def test_clouds_without_time_and_ring_give_the_pose_but_no_clock(tmp_path):
     assert found["velodyne"][0] < 1e-7 and found["velodyne"][1] < 1e-7
     assert found["camera"][0] < 1e-5
     assert told["layout"]["time"] is None and len(told["layout"]["ring"]["elevation_deg"]) == 16
-    assert "cannot be told from the motion capture's" in told["told"]["time"]
+    assert "cannot be told from the motion capture's" in told["inferred"]["time"]
     views, _, _ = read_table(
         tmp_path / RESULTS / "sim/velodyne/moving_views.parquet", LIDAR_VIEWS_SCHEMA
     )
@@ -84,7 +84,7 @@ def test_custom_messages_of_a_livox_and_grey_of_sixteen_bits_give_the_poses(tmp_
     found, told = errors(tmp_path), audit(tmp_path)
     assert found["velodyne"][0] < 1e-4 and found["camera"][0] < 1e-5
     assert told["velodyne"]["layout"]["ring"] is None
-    assert told["camera"]["told"]["image"] == "mono16, 900 x 700 px"
+    assert told["camera"]["inferred"]["image"] == "mono16, 900 x 700 px"
 
 
 def damaged(messages):

@@ -46,7 +46,7 @@ DISABLED_ESTIMATES = {
     "time_offset": False,
     "target_alignment": False,
     "intrinsics": False,
-    "beams": False,
+    "lidar_corrections": False,
 }
 
 
@@ -121,7 +121,7 @@ def read_lab_outcome(results, log):
 def _clock_errors(solved_sensors, truth):
     late, ppm, out = truth["time_offset_s"], truth["time_drift_ppm"], []
     for name, sensor in solved_sensors.items():
-        for session in (sensor["time_wander"] or {}).values():
+        for session in (sensor["clock_drift"] or {}).values():
             drift = session["drift_ppm"]
             out.append((f"drift of {name}, ppm", (drift["value"] - ppm, drift["sigma"])))
         # Where the offset grows it is told in the middle of the session, of which truth says less.

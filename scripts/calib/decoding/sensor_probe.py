@@ -65,7 +65,7 @@ class LidarProbe:
         layout, words, status = infer_cloud_layout(
             samples, period_ns, self.config.get("point_time", {})
         )
-        return {"layout": layout.to_dict(), "told": words}, status
+        return {"layout": layout.to_dict(), "inferred": words}, status
 
 
 class CameraProbe:
@@ -102,17 +102,17 @@ class CameraProbe:
             return {}, _unreadable_status("images", self.n_tried, self.first_error)
         words = {"image": f"{self.encoding}, {self.size_px[0]} x {self.size_px[1]} px"}
         if "camera_info" not in self.config:
-            return {"told": words}, OK
+            return {"inferred": words}, OK
         try:
             camera, words["lens"] = self._camera_block(topics)
         except CameraInfoError as error:
-            return {"told": words}, error.status
+            return {"inferred": words}, error.status
         status = (
             OK
             if camera["size_px"] == self.size_px
             else self._size_mismatch_status(camera["size_px"])
         )
-        return {"camera": camera, "told": words}, status
+        return {"camera": camera, "inferred": words}, status
 
     def _camera_block(self, topics):
         """(camera block, in words where it comes from)."""

@@ -52,7 +52,7 @@ def unestimated_range_errors(setup, state):
     """
     out = []
     for h in make_range_corrections(setup):
-        at = setup.correction_slice("beams", h.subject)
+        at = setup.correction_slice("beam_offsets", h.subject)
         if (
             h.name == "range_bias"
             and at is not None

@@ -31,8 +31,8 @@ P_ACCEPT = (
 P_ACCEPT_LIKELY = 1e-3  # the same of what is likely beforehand
 MAX_ROUNDS = 4  # times that something is taken in
 CORRECTIONS_BY_KEY = {  # of hypotheses, by key of solve.estimate
-    "beams": ("beams", "range_bias", "beam_width", "apart"),
-    "target_alignment": ("frame",),
+    "lidar_corrections": ("beam_offsets", "range_bias", "beam_width", "outline_vs_surface"),
+    "target_alignment": ("mount",),
 }
 
 
@@ -113,7 +113,7 @@ def _add_supported_corrections(setup, result, wanted, limits):
             if len(wider.initial_mounts) > len(setup.initial_mounts)
         ]
         if errors and errors[0] > errors[1]:
-            names -= {"frame"}
+            names -= {"mount"}
             continue
         setup, result = wider, found
         suspected = find_suspected_errors(setup, result, list_testable_corrections(setup))
@@ -137,7 +137,9 @@ def _add_requested_corrections(setup, wanted):
 
 def _with_accepted_corrections(setup, suspected, names):
     """The Setup with what is suspected beyond doubt, and may be estimated, among its unknowns."""
-    known = {(s["name"], s["of"]) for s in suspected if s["chance"] < _acceptance_p_value(setup, s)}
+    known = {
+        (s["name"], s["subject"]) for s in suspected if s["p_value"] < _acceptance_p_value(setup, s)
+    }
     for h in list_testable_corrections(setup):
         if h.name in names and (h.name, h.subject) in known:
             setup = h.add_to_setup(setup) or setup
@@ -147,7 +149,7 @@ def _with_accepted_corrections(setup, suspected, names):
 def _acceptance_p_value(setup, suspected):
     """Chance below which something is taken in: of lidars whose beams err one by one, that all of
     them do is likely beforehand."""
-    beams = setup.correction_slice("beams", suspected["of"]) is not None
+    beams = setup.correction_slice("beam_offsets", suspected["subject"]) is not None
     return P_ACCEPT_LIKELY if suspected["name"] == "range_bias" and beams else P_ACCEPT
 
 
@@ -161,8 +163,8 @@ def sensor_corrections_json(setup, result, sensor):
     )
     out = []
     for h, theta, sigma in zip(setup.corrections, *parts, strict=False):
-        told = {"name": h.name, "text": h.describe(theta, sigma), "remedy": h.remedy}
-        numbers = {"estimate": theta, "sigma": sigma, "prior": h.prior_sigma}
+        told = {"name": h.name, "description": h.describe(theta, sigma), "remedy": h.remedy}
+        numbers = {"estimate": theta, "sigma": sigma, "prior_sigma": h.prior_sigma}
         if (
             h.subject == sensor
             and not (h.is_moving_only or h.is_per_session)

@@ -104,7 +104,7 @@ def find_best_view(setup, result, before, sensor, options):
         spreads = [before.pose_covariance(own, more, n) for n in (1, N_SIMILAR_PLACEMENTS)]
         after = [float(np.sqrt(max(weights @ spread @ weights, 0.0))) for spread in spreads]
         if best is None or after[0] < best["sigma_one"]:
-            best = {"target": name, "T_sensor_target": pose_json(T), "words": words}
+            best = {"target": name, "T_sensor_target": pose_json(T), "description": words}
             best |= {"sigma_one": after[0], "sigma_four": after[1]}
     if best is None:
         return None

@@ -172,6 +172,6 @@ def describe_next_view(best):
     scale, unit = (np.degrees(1), "°") if best["unit"] == "rad" else (1e3, " mm")
     now, one, four = (f"{best[k] * scale:.2g}" for k in ("sigma", "sigma_one", "sigma_four"))
     return (
-        f"Hold the {best['target']} still {best['words']}: σ of {best['direction']} "
+        f"Hold the {best['target']} still {best['description']}: σ of {best['direction']} "
         f"{now} → {one}{unit} by one such placement, {four}{unit} by four."
     )

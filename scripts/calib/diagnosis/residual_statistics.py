@@ -50,12 +50,12 @@ def usage_counts(sensor, sensor_kind, setup, result):
         "placements": len(used),
         "observations": len(views),
         "points": members,
-        "rejected": 1 - members / candidates if candidates else 0.0,
+        "rejected_share": 1 - members / candidates if candidates else 0.0,
         "residual": {
             "rms": float(np.sqrt(squares.mean())) if len(squares) else None,
             "unit": UNIT_BY_SENSOR_KIND[sensor_kind],
         },
-        "left_out": rejected_by_region(sensor, setup, result),
+        "rejected_by_region": rejected_by_region(sensor, setup, result),
     }
 
 
@@ -80,7 +80,7 @@ def rejected_by_region(sensor, setup, result):
             key = target, g.kind, words
             found[key] = found.get(key, 0) + int(np.sum(out & part))
     return [
-        {"target": t, "kind": k, "where": where, "count": n, "of": handed[t, k]}
+        {"target": t, "kind": k, "region": where, "count": n, "n_measurements": handed[t, k]}
         for (t, k, where), n in sorted(found.items())
         if n
     ]
@@ -103,11 +103,11 @@ def fit_statistics(sensor, setup, result):
         sizes = np.concatenate([np.abs(a.standardized)[a.feature >= 0] for _, a in found])
         admitted = sum(int(a.is_candidate.sum()) for _, a in found)
         out[kind] = {
-            "rejected": 1 - len(sizes) / admitted if admitted else 0.0,
+            "rejected_share": 1 - len(sizes) / admitted if admitted else 0.0,
             "noise_factor": noise.total,
-            "common": noise.common**2 / noise.total**2,
-            "beyond": float(np.mean(sizes > TAIL_SIGMA)) if sizes.size else 0.0,
-            "whiteness": systematic_residual_ratio(found),
+            "common_variance_share": noise.common**2 / noise.total**2,
+            "tail_share": float(np.mean(sizes > TAIL_SIGMA)) if sizes.size else 0.0,
+            "systematic_ratio": systematic_residual_ratio(found),
         }
     return out
 
@@ -182,10 +182,10 @@ def leave_one_out_statistics(sensor, leave_one_outs):
     directions = sum(h.n_directions for h in found)
     return {
         "placements": len(found),
-        "directions": directions,
+        "n_directions": directions,
         "rms_m": float(np.sqrt(np.mean(np.sum(errors[:, :3] ** 2, 1)))),
         "rms_rad": float(np.sqrt(np.mean(np.sum(errors[:, 3:] ** 2, 1)))),
-        "ratio": float(np.sqrt(sum(h.nees for h in found) / directions)),
+        "error_over_sigma": float(np.sqrt(sum(h.nees for h in found) / directions)),
     }
 
 
@@ -202,7 +202,7 @@ def influences_json(setup, leave_one_outs):
             sensors[name] = {
                 "influence": moved if np.isfinite(moved) else None,
                 "nees": held.nees if held else None,
-                "directions": held.n_directions if held else 0,
+                "n_directions": held.n_directions if held else 0,
             }
         where = {"session": place.session, "target": place.target}
         out.append(where | {"placement": numbers[lf.placement], "sensors": sensors})

@@ -100,6 +100,6 @@ def _compare_with_others(xi, covariance, others):
     return {
         "shift": shift.tolist(),
         "sigma": sigma.tolist(),
-        "others": len(others),
-        "chance": float(chance),
+        "n_other_sessions": len(others),
+        "p_value": float(chance),
     }

@@ -68,19 +68,21 @@ def solution_json(setup, result, suspected_errors, status_and_guess, options):
             **sensor_pose_json(name, result, solved, joint, guess),
             **intrinsics_json(name, setup, result),
             **time_offset_json(name, setup, result, guess),
-            "time_wander": clock_drift_json(name, setup, result, guess),
+            "clock_drift": clock_drift_json(name, setup, result, guess),
             **usage_counts(name, options["sensors"][name]["kind"], setup, result),
             **sensor_tests_json(name, setup, result, left if name in solved else []),
         }
     return {
         "rig": options["rig"],
-        "settled": result.has_converged,
-        "ipopt": result.solve_result.status if result.solve_result else None,
+        "has_converged": result.has_converged,
+        "ipopt_status": result.solve_result.status if result.solve_result else None,
         "sensors": sensors,
         "joint_covariance": {"order": solved, "matrix": joint.tolist()} if solved else None,
         "pairs": relative_poses_json(result.state.T_robot_sensor, solved, joint),
         "targets": target_mounts_json(setup, result, options),
-        "suspicions": [s | {"shift": {n: s["shift"][n] for n in solved}} for s in suspected_errors]
+        "suspected_errors": [
+            s | {"pose_shift": {n: s["pose_shift"][n] for n in solved}} for s in suspected_errors
+        ]
         if solved
         else [],
         "sessions": dict.fromkeys(options["sessions"]),
@@ -100,7 +102,8 @@ def undetermined_directions_json(setup, result, name):
     common = shared_direction(target_directions(name, setup, result)[0])
     found = find_undetermined_directions(result.solve_result.information, len(setup.models), i)
     return [
-        {"direction": d.tolist(), "words": describe_pose_direction(d, T, common)} for d in found
+        {"direction": d.tolist(), "description": describe_pose_direction(d, T, common)}
+        for d in found
     ]
 
 
@@ -112,7 +115,7 @@ def sensor_status(sensor, status_and_guess, open_directions, setup, result):
     if open_directions[sensor]:
         if misread := find_flipped_pattern(sensor, setup, result):
             return flipped_pattern_status(sensor, *misread)
-        words = "; ".join(d["words"] for d in open_directions[sensor])
+        words = "; ".join(d["description"] for d in open_directions[sensor])
         return failure_status(
             f"the data do not determine {sensor}: {words}",
             f"{len(open_directions[sensor])} open directions",
@@ -149,11 +152,11 @@ def intrinsics_json(name, setup, result):
     found = get_intrinsics_estimate(setup, result, name) if result.solve_result else None
     why = setup.estimable_intrinsics.get(name)
     if found is None:
-        return {"intrinsics": None, "lens": why if isinstance(why, str) else ""}
+        return {"intrinsics": None, "intrinsics_note": why if isinstance(why, str) else ""}
     params, sigma, _ = found
     model = setup.models[name].model
     told = {"model": model, "params": params.tolist(), "sigma": sigma.tolist()}
-    return {"intrinsics": told, "lens": ""}
+    return {"intrinsics": told, "intrinsics_note": ""}
 
 
 def marginal_joint_covariance(setup, result, solved):
@@ -183,7 +186,9 @@ def sensor_pose_json(sensor, result, solved_sensors, joint_covariance, guess):
     """T_robot_sensor, its covariance, weakest direction, and distance from the guess in its σ; null
     for a sensor without a pose."""
     if sensor not in solved_sensors:
-        return dict.fromkeys(("T_robot_sensor", "covariance", "weakest", "correction"))
+        return dict.fromkeys(
+            ("T_robot_sensor", "covariance", "least_certain", "guess_deviation_in_sigma")
+        )
     T = result.state.T_robot_sensor[sensor]
     at = 6 * solved_sensors.index(sensor)
     block = joint_covariance[at : at + 6, at : at + 6]
@@ -191,27 +196,35 @@ def sensor_pose_json(sensor, result, solved_sensors, joint_covariance, guess):
     return {
         "T_robot_sensor": pose_json(T),
         "covariance": block.tolist(),
-        "weakest": {"direction": words, "sigma": sigma},
-        "correction": guess_deviation_in_sigma(T, guess),
+        "least_certain": {"direction": words, "sigma": sigma},
+        "guess_deviation_in_sigma": guess_deviation_in_sigma(T, guess),
     }
 
 
 def sensor_tests_json(sensor, setup, result, leave_one_outs):
     """What a verdict asks of one sensor beside its pose; leave_one_outs: crossvalidation.Left, or none."""
     if sensor not in setup.models:
-        none = {"tilt": {}, "fit": {}, "advice": "", "held_out": None, "predicted": None}
+        none = {
+            "direction_spread_deg": {},
+            "fit_by_kind": {},
+            "recording_advice": "",
+            "leave_one_out": None,
+            "sigma_by_placements": None,
+        }
         return none | {"corrections": [], "common_range_sigma_m": None}
     directions, _ = target_directions(sensor, setup, result)
     return {
-        "tilt": direction_spread_deg(directions),
-        "fit": fit_statistics(sensor, setup, result),
+        "direction_spread_deg": direction_spread_deg(directions),
+        "fit_by_kind": fit_statistics(sensor, setup, result),
         "corrections": sensor_corrections_json(setup, result, sensor) if leave_one_outs else [],
         "common_range_sigma_m": common_range_sigmas(setup, result.state).get(sensor)
         if leave_one_outs
         else None,
-        "advice": recording_advice(sensor, setup, result),
-        "held_out": leave_one_out_statistics(sensor, leave_one_outs),
-        "predicted": sigma_by_placements_json(setup, result, sensor) if leave_one_outs else None,
+        "recording_advice": recording_advice(sensor, setup, result),
+        "leave_one_out": leave_one_out_statistics(sensor, leave_one_outs),
+        "sigma_by_placements": sigma_by_placements_json(setup, result, sensor)
+        if leave_one_outs
+        else None,
     }
 
 
@@ -228,7 +241,7 @@ def target_mounts_json(setup, result, options):
         block = result.solve_result.covariance[at, at]
         pose = pose_json(result.state.mounts[name])
         out[name] = {"T_body_target": pose, "covariance": block.tolist()}
-        out[name] |= {"shift": None, "prior": None, "open": []}
+        out[name] |= {"shift": None, "prior_sigma": None, "undetermined": []}
         if name in setup.mount_sigma:
             off = invert_pose(setup.initial_mounts[name]) @ result.state.mounts[name]
             prior = setup.mount_sigma[name]
@@ -240,7 +253,7 @@ def target_mounts_json(setup, result, options):
                 if ratio[k] > MIN_PRIOR_SIGMA_RATIO and k not in unseen
             ]
             shift = se3_log(off).tolist()
-            out[name] |= {"shift": shift, "prior": prior.tolist(), "open": held}
+            out[name] |= {"shift": shift, "prior_sigma": prior.tolist(), "undetermined": held}
     return out
 
 

@@ -33,7 +33,7 @@ MIN_RIVAL_GAIN_RATIO = (
 MIN_GAIN_PER_PARAMETER = (
     3.0  # log likelihood by which every further number must explain more to be preferred
 )
-MOCAP_NOISE_NAME = "mocap"
+MOCAP_NOISE_NAME = "mocap_noise"
 
 
 def find_suspected_errors(setup, result, candidates):
@@ -59,7 +59,7 @@ def find_suspected_errors(setup, result, candidates):
     ]
     for one in out:
         elsewhere = {s["remedy"] for s in out} - {one["remedy"]}
-        one["rivals"] = [r for r in one["rivals"] if r["remedy"] not in elsewhere]
+        one["alternatives"] = [r for r in one["alternatives"] if r["remedy"] not in elsewhere]
     return sorted(out, key=_pose_impact_m, reverse=True)
 
 
@@ -196,22 +196,24 @@ def suspected_error_json(candidates, columns, terms, sensors, step_without, scor
     return _scored_correction_json(
         candidates[best_index], columns[best_index], *scored[best_index]
     ) | {
-        "chance": gain_p_value(gain, len(columns[best_index])),
-        "explained": {
+        "p_value": gain_p_value(gain, len(columns[best_index])),
+        "explained_share": {
             k: 1 - after.squares_after[k] / v
             for k, v in step_without.squares_after.items()
             if v > 0
         },
-        "shift": _pose_shifts_json(
+        "pose_shift": _pose_shifts_json(
             sensors, _fit_chosen(columns, terms, []), _fit_chosen(columns, terms, [best_index])
         ),
-        "rivals": [_scored_correction_json(candidates[i], columns[i], *scored[i]) for i in others],
+        "alternatives": [
+            _scored_correction_json(candidates[i], columns[i], *scored[i]) for i in others
+        ],
     }
 
 
 def _pose_impact_m(suspected):
     """How far, m, mending it would move what a sensor sees at ARM."""
-    return max(s["m"] + LEVER_ARM_M * s["rad"] for s in suspected["shift"].values())
+    return max(s["m"] + LEVER_ARM_M * s["rad"] for s in suspected["pose_shift"].values())
 
 
 def _pose_shifts_json(names, before, after):
@@ -233,12 +235,12 @@ def _scored_correction_json(hypothesis, own, fit, gain, scatter):
     sigma = np.sqrt(scatter * np.diag(covariance)[np.isin(fit.free_index, own)])
     return {
         "name": hypothesis.name,
-        "of": hypothesis.subject,
-        "text": hypothesis.describe(theta, sigma),
+        "subject": hypothesis.subject,
+        "description": hypothesis.describe(theta, sigma),
         "remedy": hypothesis.remedy,
         "estimate": theta.tolist(),
         "sigma": sigma.tolist(),
-        "gain": gain,
+        "log_likelihood_gain": gain,
     }
 
 

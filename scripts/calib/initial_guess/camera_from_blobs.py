@@ -32,7 +32,7 @@ def find_camera_from_blobs(camera, targets, samples, read_frame, options):
     for look, image in read_samples(wanted, read_frame):
         blob = read_blob(targets[look.target].color, image)
         seen += [] if blob is None else [(look, blob)]
-        if len(seen) >= options["enough_images"]:
+        if len(seen) >= options["max_pattern_images"]:
             break
     least = max(MIN_BLOB_PLACEMENTS, options["min_placements"])
     T, rows = find_best_blob_pose(camera, targets, seen) if len(seen) >= least else (None, [])

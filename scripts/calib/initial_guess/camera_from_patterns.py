@@ -39,7 +39,7 @@ def find_camera_pose(camera, targets, samples, read_frame, options):
         found = read_pattern_poses(camera, targets[look.target], image)
         readings += [(look.placement, look.T_robot_target @ invert_pose(T)) for T in found]
         seen += bool(found)
-        if seen >= options["enough_images"]:
+        if seen >= options["max_pattern_images"]:
             break
     by_pattern = vote_pattern_pose(readings, seen, sum(map(len, patterned)), options)
     if by_pattern.status.ok or not any(targets[k.target].color for k in samples):

@@ -45,7 +45,7 @@ def find_mount(camera, target, samples, read_frame, camera_prior, options):
     for look, image in read_samples(samples, read_frame):
         readings = read_pattern_poses(camera, target, image)
         seen += [(look.T_robot_target, readings)] if readings else []
-        if len(seen) >= options["enough_images"]:
+        if len(seen) >= options["max_pattern_images"]:
             break
     if len(seen) < MIN_MOUNT_PLACEMENTS:
         return MountGuess(status=_too_few_views_status(target, len(seen), len(samples)))

@@ -66,7 +66,7 @@ def agreement_tolerance(options):
 
 def min_pose_sigma(options):
     """(6,) least σ, m and rad, of a pose found in the data."""
-    return pose_sigma_from_config(options["found_sigma"])
+    return pose_sigma_from_config(options["min_sigma_from_data"])
 
 
 def describe_scatter(xi):

@@ -21,6 +21,29 @@ UNKNOWN_MOUNT_SIGMA_M, UNKNOWN_MOUNT_SIGMA_DEG = (
     20,
 )  # alignment_sigma of a target from which its mount counts as unknown
 
+RENAMED_KEYS = {  # of config.yaml: former name -> name today
+    "crop.max_moving": "crop.max_moving_views",
+    "guess.enough_images": "guess.max_pattern_images",
+    "guess.found_sigma": "guess.min_sigma_from_data",
+    "judge.fail_beyond": "judge.fail_tail_share",
+    "judge.fail_correction_sigma": "judge.fail_guess_deviation_sigma",
+    "judge.fail_heldout": "judge.fail_leave_one_out",
+    "judge.fail_offset_s": "judge.fail_time_offset_s",
+    "judge.fail_whiteness": "judge.fail_systematic",
+    "judge.warn_beyond": "judge.warn_tail_share",
+    "judge.warn_clock_s": "judge.warn_fixed_time_offset_s",
+    "judge.warn_correction_sigma": "judge.warn_guess_deviation_sigma",
+    "judge.warn_explained": "judge.warn_error_explains",
+    "judge.warn_heldout": "judge.warn_leave_one_out",
+    "judge.warn_offset_s": "judge.warn_time_offset_s",
+    "judge.warn_shift_m": "judge.warn_error_moves_pose_m",
+    "judge.warn_shift_sigma": "judge.warn_error_moves_pose_sigma",
+    "judge.warn_suspicion_chance": "judge.warn_error_p_value",
+    "judge.warn_whiteness": "judge.warn_systematic",
+    "judge.warn_widened": "judge.warn_noise_factor_explained",
+    "solve.estimate.beams": "solve.estimate.lidar_corrections",
+}
+
 
 @cache
 def load_schema(kind):
@@ -51,6 +74,8 @@ def validate_and_complete(kind, instance, file_name):
     """
     if not isinstance(instance, dict):
         raise InputError(f"{file_name}: holds {type(instance).__name__}, expected keys and values")
+    if kind == "config":
+        _refuse_renamed_keys(instance, file_name)
     _require_finite(instance, file_name)
     found = DefaultsValidator(load_schema(kind)).iter_errors(instance)
     errors = sorted(found, key=lambda e: list(map(str, e.path)))
@@ -61,6 +86,19 @@ def validate_and_complete(kind, instance, file_name):
             f"{file_name}: {_explain_error(jsonschema.exceptions.best_match(errors))[:MAX_MESSAGE_CHARS]}"
         )
     return instance
+
+
+def _refuse_renamed_keys(config, file_name):
+    """Raise InputError that lists the former keys of a config.yaml with their names today."""
+    renamed = []
+    for old, new in RENAMED_KEYS.items():
+        block, (*parents, key) = config, old.split(".")
+        for name in parents:
+            block = block.get(name) if isinstance(block, dict) else None
+        if isinstance(block, dict) and key in block:
+            renamed.append(f"{old} is now {new}")
+    if renamed:
+        raise InputError(f"{file_name}: renamed keys: {'; '.join(renamed)}. Use the new names.")
 
 
 def _require_finite(value, file_name, key_path=()):

@@ -11,15 +11,15 @@ REMEDY_BY_CHECK = {
     "a wrong size or T_body_target of a target, wrong lens parameters, or a clock that is off",
     "noise_factor": "see Residuals for what the noise stands for; state the "
     "sensor's own noise if it is what it is",
-    "beyond": "see the overlays of the worst views for what does not belong to the target",
-    "whiteness": "see the residuals by ring or over the image: an error of single beams, of the "
+    "tail_share": "see the overlays of the worst views for what does not belong to the target",
+    "systematic": "see the residuals by ring or over the image: an error of single beams, of the "
     "lens or of the printed pattern repeats itself",
-    "heldout": "see the most influential placements (Cross-validation): one may not have been "
+    "leave_one_out": "see the most influential placements (Cross-validation): one may not have been "
     "still, or something that nobody estimates is wrong",
     "placements": "hold targets still in more places that it sees, and see where the others were "
     "lost, and why",
-    "correction_sigma": "check the first guess and its sigma; if both are sure, the result is not",
-    "settled": "see the rounds in the Appendix, and mend what else is wrong first",
+    "guess_deviation_sigma": "check the first guess and its sigma; if both are sure, the result is not",
+    "convergence": "see the rounds in the Appendix, and mend what else is wrong first",
 }
 
 

@@ -9,15 +9,16 @@ from calib.verdict.findings import level_by_limits, make_finding
 
 def suspected_error_findings(error, solution, limits):
     """Findings on one suspicion of solution.json: one that is sure, and that matters."""
-    if error["chance"] > limits["warn_suspicion_chance"]:
+    if error["p_value"] > limits["warn_error_p_value"]:
         return []
     if error["name"] == TIME_OFFSET:
         return _clock_error_findings(error, limits)
-    shift = error["shift"]
+    shift = error["pose_shift"]
     moved = {
         n: s
         for n, s in shift.items()
-        if s["sigmas"] > limits["warn_shift_sigma"] and s["m"] > limits["warn_shift_m"]
+        if s["sigmas"] > limits["warn_error_moves_pose_sigma"]
+        and s["m"] > limits["warn_error_moves_pose_m"]
     }
     widened = _explained_noise(error, solution, limits)
     if not moved and not widened:
@@ -35,24 +36,28 @@ def suspected_error_findings(error, solution, limits):
         f"would explain {v * SHARE_TO_PERCENT:.0f} % of {_describe_noise_name(k)}"
         for k, v in widened.items()
     ]
-    rivals = "".join(f"; or {r['text']}" for r in error["rivals"])
-    text = f"probably {error['text']}: mending it {' and '.join(effect)}{rivals}"
-    remedy = "; ".join(dict.fromkeys([error["remedy"], *(r["remedy"] for r in error["rivals"])]))
+    rivals = "".join(f"; or {r['description']}" for r in error["alternatives"])
+    text = f"probably {error['description']}: mending it {' and '.join(effect)}{rivals}"
+    remedy = "; ".join(
+        dict.fromkeys([error["remedy"], *(r["remedy"] for r in error["alternatives"])])
+    )
     sensors = sorted(grave or (set(moved) | {w.split("/")[0] for w in widened if "/" in w}))
-    return [make_finding("suspicion", sensors, "fail" if grave else "warn", text, remedy)]
+    return [make_finding("suspected_error", sensors, "fail" if grave else "warn", text, remedy)]
 
 
 def _clock_error_findings(suspected, limits):
     """The finding on a clock that is off and not to be estimated, if by much."""
-    (late,), name = suspected["estimate"], suspected["of"]
-    if abs(late) < limits["warn_clock_s"]:
+    (late,), name = suspected["estimate"], suspected["subject"]
+    if abs(late) < limits["warn_fixed_time_offset_s"]:
         return []
     text = (
-        f"{suspected['text']}, and solve.estimate.time_offset is false: poses from still "
+        f"{suspected['description']}, and solve.estimate.time_offset is false: poses from still "
         "placements hardly feel it, whoever uses scans or images in motion does"
     )
-    limit = limits["warn_clock_s"]
-    return [make_finding("offset_s", [name], "warn", text, suspected["remedy"], abs(late), limit)]
+    limit = limits["warn_fixed_time_offset_s"]
+    return [
+        make_finding("time_offset_s", [name], "warn", text, suspected["remedy"], abs(late), limit)
+    ]
 
 
 def _describe_noise_name(noise):
@@ -63,25 +68,28 @@ def _describe_noise_name(noise):
 
 def _explained_noise(suspected, solution, limits):
     """{noise: share} of the noises that are far above the configured and that it explains."""
-    factors = {"mocap": solution["noise"]["mocap_factor"]}
+    factors = {"mocap_noise": solution["noise"]["mocap_factor"]}
     for name, sensor in solution["sensors"].items():
-        factors |= {f"{name}/{kind}": f["noise_factor"] for kind, f in sensor["fit"].items()}
+        factors |= {
+            f"{name}/{kind}": f["noise_factor"] for kind, f in sensor["fit_by_kind"].items()
+        }
     return {
         key: share
-        for key, share in sorted(suspected["explained"].items())
-        if share > limits["warn_explained"] and factors.get(key, 0.0) > limits["warn_widened"]
+        for key, share in sorted(suspected["explained_share"].items())
+        if share > limits["warn_error_explains"]
+        and factors.get(key, 0.0) > limits["warn_noise_factor_explained"]
     }
 
 
 def target_mount_findings(name, target, limits):
     """Findings on a target whose place in its body was estimated, and had been stated."""
-    if target is None or target["prior"] is None:
+    if target is None or target["prior_sigma"] is None:
         return []
-    shift, prior = np.array(target["shift"]), np.array(target["prior"])
+    shift, prior = np.array(target["shift"]), np.array(target["prior_sigma"])
     value = float((np.abs(shift) / prior).max())
-    found = level_by_limits(value, limits, "correction_sigma")
+    found = level_by_limits(value, limits, "guess_deviation_sigma")
     if found == "pass":
-        return undetermined_mount_findings(name, target["open"])
+        return undetermined_mount_findings(name, target["undetermined"])
     limit = limits[f"{found}_correction_sigma"]
     mm, deg = np.linalg.norm(shift.reshape(2, 3), axis=1) * [MM_PER_M, DEG_PER_RAD]
     text = (
@@ -89,7 +97,7 @@ def target_mount_findings(name, target, limits):
         f"alignment_sigma, {found} above {limit:.3g}; the estimate counts"
     )
     remedy = f"write T_body_target of {name} as estimated, or see what else is wrong if it is sure"
-    return [make_finding("alignment", [], found, text, remedy, value, limit)]
+    return [make_finding("target_mount", [], found, text, remedy, value, limit)]
 
 
 def undetermined_mount_findings(name, directions):
@@ -101,18 +109,18 @@ def undetermined_mount_findings(name, directions):
         "alignment_sigma stands in the σ of the sensors, as all placements turn alike"
     )
     remedy = f"tilt {name} by 30° or more about two other axes in some placements, and record again"
-    return [make_finding("alignment", [], "warn", text, remedy, None, None)]
+    return [make_finding("target_mount", [], "warn", text, remedy, None, None)]
 
 
 def repeatability_findings(rows, limits):
     """Findings on sensors whose pose is another in one session than in the others."""
     worst_of = {}
-    for row in sorted(rows, key=lambda r: r["chance"]):
+    for row in sorted(rows, key=lambda r: r["p_value"]):
         worst_of.setdefault(row["sensor"], row)
     out = []
     for name, row in sorted(worst_of.items()):
         m, rad = np.linalg.norm(np.reshape(row["shift"], (2, 3)), axis=1)
-        if row["chance"] > limits["warn_suspicion_chance"] or m < limits["warn_shift_m"]:
+        if row["p_value"] > limits["warn_error_p_value"] or m < limits["warn_error_moves_pose_m"]:
             continue
         grave = m > limits["fail_sigma_m"] or rad * DEG_PER_RAD > limits["fail_sigma_deg"]
         text = (
@@ -124,5 +132,5 @@ def repeatability_findings(rows, limits):
             "calibrate what comes after by itself; if all sensors moved alike, the robot's markers "
             f"did: write sessions.{row['session']}.remounted: true"
         )
-        out.append(make_finding("moved", [name], "fail" if grave else "warn", text, remedy))
+        out.append(make_finding("sensor_moved", [name], "fail" if grave else "warn", text, remedy))
     return out

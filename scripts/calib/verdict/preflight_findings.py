@@ -91,7 +91,9 @@ def preflight_sensor_findings(name, visibilities, options):
         and not moving
     ):
         found.append(
-            make_finding("offset_s", [name], "warn", f"{name}: {NO_MOTION_TEXT}", NO_MOTION_REMEDY)
+            make_finding(
+                "time_offset_s", [name], "warn", f"{name}: {NO_MOTION_TEXT}", NO_MOTION_REMEDY
+            )
         )
     return found
 

@@ -19,20 +19,20 @@ from calib.verdict.model_error_findings import (
 
 # Checks in order of importance: what is wrong comes before what it does to the numbers.
 CHECKS_BY_IMPORTANCE = (
-    "status", "moved", "suspicion", "apart", "alignment", "offset_s", "tilt_deg", "rejected",
-    "mocap_factor", "noise_factor", "beyond", "whiteness", "heldout", "sigma_m", "sigma_deg",
-    "placements", "correction_sigma", "settled",
+    "status", "sensor_moved", "suspected_error", "outline_vs_surface", "target_mount", "time_offset_s", "tilt_deg", "rejected",
+    "mocap_factor", "noise_factor", "tail_share", "systematic", "leave_one_out", "sigma_m", "sigma_deg",
+    "placements", "guess_deviation_sigma", "convergence",
 )  # fmt: skip
 # Those that say that measurements and model disagree: more views of the same would not help.
 MISFIT_CHECKS = {
-    "suspicion",
+    "suspected_error",
     "rejected",
     "mocap_factor",
     "noise_factor",
-    "beyond",
-    "whiteness",
-    "heldout",
-    "apart",
+    "tail_share",
+    "systematic",
+    "leave_one_out",
+    "outline_vs_surface",
 }
 
 
@@ -44,21 +44,31 @@ def sensor_findings(name, sensor, limits):
             make_finding("status", [name], "fail", f"{name}: {status['reason']}", status["remedy"])
         ]
     out = [
-        make_finding("apart", [name], "warn", f"{c['text']}; returns are believed", c["remedy"])
+        make_finding(
+            "outline_vs_surface",
+            [name],
+            "warn",
+            f"{c['description']}; returns are believed",
+            c["remedy"],
+        )
         for c in sensor["corrections"]
-        if c["name"] == "apart"
+        if c["name"] == "outline_vs_surface"
     ]
     out += check_limit(
-        name, sensor["rejected"], limits, "rejected", "rejected", SHARE_TO_PERCENT, " %"
+        name, sensor["rejected_share"], limits, "rejected", "rejected", SHARE_TO_PERCENT, " %"
     )
     out += view_findings(name, sensor, limits)
-    for kind, fit in sorted(sensor["fit"].items()):
+    for kind, fit in sorted(sensor["fit_by_kind"].items()):
         if not any(f["check"] == "rejected" for f in out):
-            out += _rejection_findings(name, kind, fit["rejected"], sensor["left_out"], limits)
+            out += _rejection_findings(
+                name, kind, fit["rejected_share"], sensor["rejected_by_region"], limits
+            )
         out += _fit_findings(name, kind, fit, limits)
-    if sensor["held_out"]:
+    if sensor["leave_one_out"]:
         words = "placements left out differ from what the others predict by, in their σ,"
-        out += check_limit(name, sensor["held_out"]["ratio"], limits, "heldout", words)
+        out += check_limit(
+            name, sensor["leave_one_out"]["error_over_sigma"], limits, "leave_one_out", words
+        )
     if sensor["time_offset_s"]:
         off = abs(sensor["time_offset_s"]["value"] - sensor["guess"]["time_offset_s"]["value"])
         words = "its stamps and those of the motion capture differ from the first guess by"
@@ -66,10 +76,12 @@ def sensor_findings(name, sensor, limits):
             f"write sensors.{name}.time_offset_s: {sensor['time_offset_s']['value']:.4f}, so that "
             "frames are taken where they belong"
         )
-        out += check_limit(name, off, limits, "offset_s", words, MS_PER_S, " ms", remedy=remedy)
-    if sensor["correction"] is not None:
+        out += check_limit(name, off, limits, "time_offset_s", words, MS_PER_S, " ms", remedy=remedy)
+    if sensor["guess_deviation_in_sigma"] is not None:
         words = "differs from the first guess by, in its σ,"
-        out += check_limit(name, sensor["correction"], limits, "correction_sigma", words)
+        out += check_limit(
+            name, sensor["guess_deviation_in_sigma"], limits, "guess_deviation_sigma", words
+        )
     return out
 
 
@@ -86,7 +98,7 @@ def view_findings(name, sensor, limits):
 def _rejection_findings(name, kind, share, left_out, limits):
     """Findings on the share of one kind of measurement that the gate refused, and where it lies."""
     sides = sorted((r for r in left_out if r["kind"] == kind), key=lambda r: -r["count"])
-    where = f", mostly {sides[0]['where']} of {sides[0]['target']}," if sides else ""
+    where = f", mostly {sides[0]['region']} of {sides[0]['target']}," if sides else ""
     words = f"rejected of the {kind} measurements{where}"
     remedy = REMEDY_BY_CHECK.get(f"rejected {kind}", REMEDY_BY_CHECK["rejected"])
     return check_limit(
@@ -106,18 +118,18 @@ def _fit_findings(name, kind, fit, limits):
         ),
         *check_limit(
             name,
-            fit["beyond"],
+            fit["tail_share"],
             limits,
-            "beyond",
+            "tail_share",
             f"{kind} residuals beyond 3 σ",
             SHARE_TO_PERCENT,
             " %",
         ),
         *check_limit(
             name,
-            fit["whiteness"],
+            fit["systematic_ratio"],
             limits,
-            "whiteness",
+            "systematic",
             f"mean {kind} residuals that repeat in all placements, in their σ,",
         ),
     ]
@@ -125,14 +137,14 @@ def _fit_findings(name, kind, fit, limits):
 
 def _tilt_findings(name, sensor, limits):
     """Findings on targets that all point the same way, where that leaves a direction loose."""
-    tilt = sensor["tilt"]
+    tilt = sensor["direction_spread_deg"]
     only = set(tilt) == {"axes"} or (set(tilt) == {"normals"} and sensor["kind"] == "lidar")
     if not only:
         return []
     ((what, degrees),) = tilt.items()
     words = {"axes": "axes of the cylinders", "normals": "normals of the boards"}[what]
     words = f"{words} differ by at most"
-    remedy = sensor["advice"]
+    remedy = sensor["recording_advice"]
     return check_limit(
         name, degrees, limits, "tilt_deg", words, 1, "°", is_large_bad=False, remedy=remedy
     )
@@ -157,7 +169,7 @@ def _advise_more_views(sensor, check, value, limits):
     """Which views would narrow σ, and about how many."""
     n, limit = sensor["placements"], limits[f"warn_{check}"]
     needed = int(np.ceil(n * (value / limit) ** 2)) if np.isfinite(value) else None
-    remedy = f"least certain: {sensor['weakest']['direction']}. {sensor['advice']}"
+    remedy = f"least certain: {sensor['least_certain']['direction']}. {sensor['recording_advice']}"
     if sensor["next_view"]:
         remedy = describe_next_view(sensor["next_view"])
     if needed and needed > n:
@@ -170,7 +182,9 @@ def rig_findings(solution, limits):
     sensors = sorted(solution["sensors"].items())
     found = [f for name, sensor in sensors for f in sensor_findings(name, sensor, limits)]
     found += [
-        f for s in solution["suspicions"] for f in suspected_error_findings(s, solution, limits)
+        f
+        for s in solution["suspected_errors"]
+        for f in suspected_error_findings(s, solution, limits)
     ]
     found += [
         f
@@ -180,9 +194,9 @@ def rig_findings(solution, limits):
     found += repeatability_findings(solution["repeatability"], limits)
     words = "errors of the motion capture's poses over the stated σ"
     found += check_limit("", solution["noise"]["mocap_factor"], limits, "mocap_factor", words)
-    if solution["ipopt"] is not None and not solution["settled"]:
+    if solution["ipopt_status"] is not None and not solution["has_converged"]:
         text = "the rounds of solving and re-association did not settle"
-        found.append(make_finding("settled", [], "warn", text, REMEDY_BY_CHECK["settled"]))
+        found.append(make_finding("convergence", [], "warn", text, REMEDY_BY_CHECK["convergence"]))
     rig_wide = any(f["check"] in MISFIT_CHECKS and not f["sensors"] for f in found)
     for name, sensor in sensors:
         if sensor["covariance"] is not None:

@@ -55,7 +55,7 @@ def select_moving_views(
         margin = sensor.margin + time_offset["sigma"] * np.abs(motion.velocity)
         if not sensor.check_visibility(sensor.model, target, T, margin, options):
             visible.append(MovingTargetView(int(i), T, margin))
-    return [visible[i] for i in space_evenly(len(visible), options["max_moving"])]
+    return [visible[i] for i in space_evenly(len(visible), options["max_moving_views"])]
 
 
 def _has_useful_speed(velocity: np.ndarray) -> bool:

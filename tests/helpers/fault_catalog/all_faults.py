@@ -113,7 +113,7 @@ def list_audit_messages(audit):
     for name, sensor in sorted(audit["sensors"].items()):
         out.append(f"{name}: {sensor['messages']} messages, {sensor['rate_hz']:.3g} Hz")
         out += [
-            f"{name}: {what}: {words}" for what, words in sorted(sensor.get("told", {}).items())
+            f"{name}: {what}: {words}" for what, words in sorted(sensor.get("inferred", {}).items())
         ]
     for found in [*audit["bodies"].values(), *audit["sensors"].values()]:
         out += format_failed_status(found["status"])
@@ -164,7 +164,7 @@ def describe_clock_errors(calibration):
         if late and abs(late["value"]) > 4 * late["sigma"]:
             ms = 1e3 * late["value"], 1e3 * late["sigma"]
             out.append(f"{name}: time offset {ms[0]:.1f} ms, σ {ms[1]:.1f} ms")
-        for wander in (sensor["time_wander"] or {}).values():
+        for wander in (sensor["clock_drift"] or {}).values():
             drift = wander["drift_ppm"]
             out.append(f"{name}: clock drift {drift['value']:.0f} ppm, σ {drift['sigma']:.0f} ppm")
     for name, lag in sorted(calibration["mocap_offsets_s"].items()):

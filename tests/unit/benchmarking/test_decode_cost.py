@@ -35,7 +35,7 @@ def test_both_readers_are_measured_on_a_log_that_is_removed_again(tmp_path, comp
     frames, _, _ = read_table(tmp_path / "frames.parquet", FRAMES_SCHEMA)
     assert len(poses["stamp_ns"]) / len(BODY_NAMES) + len(frames["stamp_ns"]) == row.n_messages
     assert audit["faults"] == [] and all(s["status"]["ok"] for s in audit["sensors"].values())
-    assert all("doubtful" not in s["told"].get("time", "") for s in audit["sensors"].values())
+    assert all("doubtful" not in s["inferred"].get("time", "") for s in audit["sensors"].values())
 
 
 def test_a_log_of_the_benchmark_is_the_same_bytes_again_and_as_long_as_asked_for(tmp_path):

@@ -63,7 +63,9 @@ def test_held_out_errors_of_clean_logs_are_as_large_as_predicted():
     for seed in range(2):
         clean = make_synthetic_setup(seed, MIXED)
         left = leave_one_out(clean, solve_synthetic_setup(clean))
-        ratios += [leave_one_out_statistics(n, left)["ratio"] for n in sorted(clean.models)]
+        ratios += [
+            leave_one_out_statistics(n, left)["error_over_sigma"] for n in sorted(clean.models)
+        ]
     # 7 × 6 directions of the camera, more of the lidar: one ratio scatters by 0.1;
     # over 40 logs the mean is 0.89, for σ is a little too large rather than too small.
     assert np.mean(ratios) == pytest.approx(0.9, abs=0.15)
@@ -183,7 +185,7 @@ def test_what_is_left_out_is_counted_by_where_it_lies(made):
             g.keypoints["xyz"][10:15] *= 1.2
     result = solve_synthetic_setup(clean)
     found = rejected_by_region("lidar", clean, result)
-    told = {r["where"]: r["count"] for r in found if r["target"] == "board"}
+    told = {r["region"]: r["count"] for r in found if r["target"] == "board"}
     assert told["before the surface"] == 10 and told["behind the surface"] == 5
 
 
@@ -210,4 +212,4 @@ def test_exact_ranges_beside_coarse_poses_leave_numbers_and_no_roots_of_rounding
     left = leave_one_out(exact, result)
     assert all(h.nees >= 0 for one in left for h in one.error_by_sensor.values())
     held = leave_one_out_statistics("lidar", left)
-    assert held is None or np.isfinite(held["ratio"])
+    assert held is None or np.isfinite(held["error_over_sigma"])

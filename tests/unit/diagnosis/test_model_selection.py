@@ -33,7 +33,7 @@ LIMITS = {
     "initial_noise_factor": 100.0,
 }
 START = {n: T @ se3_exp(np.full(6, 0.005)) for n, T in synthetic_setup.TRUE_POSES.items()}
-AUTO, OFF = {"beams": "auto"}, {"beams": False}
+AUTO, OFF = {"lidar_corrections": "auto"}, {"lidar_corrections": False}
 
 
 def refined(world, seed=0, wanted=AUTO):
@@ -73,7 +73,7 @@ def test_of_a_lidar_without_fault_nothing_is_estimated_but_its_pose(seed):
 
 def test_single_beams_off_by_14_mm_are_found_to_3_mm_and_suspected_no_more():
     made, result, suspected = refined(SyntheticWorld(range_bias_m=0.014 * SIGNS))
-    assert [h.name for h in made.corrections] == ["beams"]
+    assert [h.name for h in made.corrections] == ["beam_offsets"]
     offsets = lidar_of(made, result).range_offsets
     np.testing.assert_allclose(offsets, 0.014 * SIGNS, atol=0.003)
     assert suspected == [] and result.has_converged
@@ -82,14 +82,14 @@ def test_single_beams_off_by_14_mm_are_found_to_3_mm_and_suspected_no_more():
 def test_a_bias_of_all_ranges_is_found_to_2_sigma_of_its_own():
     made, result, _ = refined(SyntheticWorld(range_bias_m=np.full(N_RINGS, 0.02)))
     (told,) = sensor_corrections_json(made, result, "lidar")
-    assert told["name"] == "range_bias" and "too long" in told["text"]
+    assert told["name"] == "range_bias" and "too long" in told["description"]
     assert abs(told["estimate"][0] - 0.02) < 2 * told["sigma"][0] < 0.002
 
 
 def test_with_the_option_off_the_fault_is_named_and_not_estimated():
     made, _, suspected = refined(SyntheticWorld(range_bias_m=0.014 * SIGNS), wanted=OFF)
     assert made.corrections == ()
-    assert [s["name"] for s in suspected] == ["beams"]
+    assert [s["name"] for s in suspected] == ["beam_offsets"]
 
 
 def test_estimated_beams_bring_back_the_noise_and_the_sigma_of_a_lidar_without_the_fault():
@@ -116,7 +116,7 @@ def test_sigma_knows_what_beams_err_by_in_common_by_how_the_pose_would_follow():
     """Of a lidar whose beams err by 14 mm: its covariance grows by σ² k kᵀ, k being by how much the
     pose moves when all ranges are shortened by 0.2 mm and everything is estimated anew."""
     made = make_synthetic_setup(0, MIXED, SyntheticWorld(range_bias_m=0.014 * SIGNS))
-    (beams,) = [h for h in list_testable_corrections(made) if h.name == "beams"]
+    (beams,) = [h for h in list_testable_corrections(made) if h.name == "beam_offsets"]
     made = replace(made, corrections=(beams,))
     result = estimate_poses(made, START, **LIMITS)
     longer = made.models | {"lidar": replace(LIDAR_MODEL, range_bias=2e-4)}
@@ -142,7 +142,7 @@ def test_sigma_knows_what_beams_err_by_in_common_by_how_the_pose_would_follow():
 def test_the_programme_finds_the_same_with_the_numbers_as_with_the_data_mended_by_hand():
     """Priors of 1 km hold nothing: taking the estimated offsets off the data changes no pose."""
     made = make_synthetic_setup(0, MIXED, SyntheticWorld(range_bias_m=0.014 * SIGNS))
-    loose = [h for h in list_testable_corrections(made) if h.name == "beams"]
+    loose = [h for h in list_testable_corrections(made) if h.name == "beam_offsets"]
     made = replace(
         made, corrections=tuple(replace(h, prior_sigma=1e3 * h.prior_sigma) for h in loose)
     )
@@ -168,7 +168,12 @@ def test_slopes_by_the_numbers_are_those_of_the_residuals():
     found = tuple(
         h.estimated_form or h for h in list_testable_corrections(made) if h.apply_to_model
     )
-    assert {h.name for h in found} == {"beams", "range_bias", "beam_width", "apart"}
+    assert {h.name for h in found} == {
+        "beam_offsets",
+        "range_bias",
+        "beam_width",
+        "outline_vs_surface",
+    }
     made = replace(made, corrections=found)
     state = initial_state(made, synthetic_setup.TRUE_POSES, 1.0)
     assigned = assign_measurements(made, state)
@@ -225,10 +230,10 @@ def torn(yaw, seed=0):
 def test_where_returns_and_outlines_disagree_the_returns_are_believed():
     """By 10 mrad of yaw, of which the lidar's own is found to 3 of its σ."""
     made, result, _ = estimate_with_corrections(torn(0.01), START, AUTO, **LIMITS)
-    assert [h.name for h in made.corrections] == ["apart"]
+    assert [h.name for h in made.corrections] == ["outline_vs_surface"]
     (told,) = sensor_corrections_json(made, result, "lidar")
     assert told["estimate"][5] == pytest.approx(0.01, abs=3 * told["sigma"][5])
-    assert "put it elsewhere than its returns do" in told["text"]
+    assert "put it elsewhere than its returns do" in told["description"]
     off = error(result, "lidar")
     assert off @ np.linalg.solve(spread(result, made, "lidar"), off) < 16.8  # 99 % of six
     assert np.abs(off[5]) < 0.003

@@ -85,7 +85,7 @@ def test_a_view_takes_nothing_off_an_error_that_all_ranges_have_in_common():
     pose: one view more before the lidar does what was predicted, to 15 %, with it in both."""
     world = SyntheticWorld(range_bias_m=0.014 * np.tile([1.0, -1.0], N_RINGS // 2))
     made = make_synthetic_setup(0, MIXED, world)
-    (beams,) = [h for h in list_testable_corrections(made) if h.name == "beams"]
+    (beams,) = [h for h in list_testable_corrections(made) if h.name == "beam_offsets"]
     made = replace(made, corrections=(beams,))
     result = with_consider_covariance(made, solve_synthetic_setup(made))
     before, lidar = CurrentInformation.from_result(made, result), slice(6, 12)
@@ -186,7 +186,7 @@ def test_nothing_is_proposed_higher_than_a_target_was():
 
 
 def test_the_words_say_what_to_do_and_what_it_does():
-    best = {"target": "board", "words": "2.0 m away, facing the sensor", "unit": "m"}
+    best = {"target": "board", "description": "2.0 m away, facing the sensor", "unit": "m"}
     best |= {"direction": "translation along z of the robot body", "sigma": 0.0021}
     best |= {"sigma_one": 0.0012, "sigma_four": 0.0008}
     assert describe_next_view(best) == (

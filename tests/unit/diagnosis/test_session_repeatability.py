@@ -20,7 +20,7 @@ def told(made):
 def test_poses_of_sensors_that_stay_repeat_by_their_sigma():
     """Six pairs of sessions, two sensors each: chances spread as chances do."""
     chances = [
-        row["chance"]
+        row["p_value"]
         for k in range(6)
         for row in told(synthetic_sessions.make_two_sessions(seeds=(2 * k, 2 * k + 1)))
         if row["session"] == "evening"
@@ -34,8 +34,8 @@ def test_a_camera_that_was_bumped_between_sessions_is_told_from_a_lidar_that_was
         (r["session"], r["sensor"]): r
         for r in told(synthetic_sessions.make_two_sessions(moved=("camera",)))
     }
-    assert rows["morning", "camera"]["chance"] < 1e-12
-    assert rows["morning", "lidar"]["chance"] > 1e-3
+    assert rows["morning", "camera"]["p_value"] < 1e-12
+    assert rows["morning", "lidar"]["p_value"] > 1e-3
     shift, sigma = (np.array(rows["morning", "camera"][k]) for k in ("shift", "sigma"))
     assert (np.abs(shift - se3_log(SENSOR_BUMP)) < 4 * sigma).all()
     np.testing.assert_allclose(shift, -np.array(rows["evening", "camera"]["shift"]), atol=1e-9)

@@ -43,20 +43,20 @@ def found(world, seed=0):
         for s in find_suspected_errors(
             made, solve_synthetic_setup(made, max_rounds=20), list_corrections_and_shifts(made)
         )
-        if s["chance"] < SURE
+        if s["p_value"] < SURE
     ]
 
 
 WRONG = {
     "focal length 1 % longer": (
         SyntheticWorld(camera=scale_focal_length(1.01)),
-        "focal",
+        "focal_length",
         "camera",
         0.01,
     ),
     "outline 2 % larger": (
         SyntheticWorld(targets=scale_outline(1.02, 1.02)),
-        "outline",
+        "outline_size",
         "board",
         0.02,
     ),
@@ -74,7 +74,7 @@ WRONG = {
 def test_one_number_that_is_wrong_is_named_first_and_to_15_percent(case):
     world, name, of, size = WRONG[case]
     first = found(world)[0]
-    assert (first["name"], first["of"]) == (name, of)
+    assert (first["name"], first["subject"]) == (name, of)
     (estimate,), (sigma,) = first["estimate"], first["sigma"]
     assert abs(estimate - size) < 0.15 * size
     assert sigma < 0.15 * size
@@ -88,28 +88,28 @@ def test_a_target_frame_off_by_1_cm_is_named_with_its_direction(name, axis):
     if name == "cylinder" and axis == 0:
         assert told == []  # nothing in use tells where along its axis a cylinder sits
         return
-    assert (told[0]["name"], told[0]["of"]) == ("frame", name)
+    assert (told[0]["name"], told[0]["subject"]) == ("mount", name)
     np.testing.assert_allclose(told[0]["estimate"][:3], off, atol=0.0025)
 
 
 def test_single_beams_that_read_14_mm_long_or_short_are_told_from_a_bias_of_all():
     signs = (-1.0) ** np.arange(N_RINGS)
     names = [s["name"] for s in found(SyntheticWorld(range_bias_m=0.014 * signs))]
-    assert names == ["beams"]
+    assert names == ["beam_offsets"]
 
 
 def test_the_words_tell_the_number_its_sigma_and_what_to_write():
     first = found(SyntheticWorld(targets=scale_pattern(1.02)))[0]
-    assert first["text"].startswith("the squares of board are ")
-    assert "% larger than the config says: square_m 0.0815" in first["text"]
+    assert first["description"].startswith("the squares of board are ")
+    assert "% larger than the config says: square_m 0.0815" in first["description"]
     assert first["estimate"][0] == pytest.approx(0.02, rel=0.1)
     assert "calliper" in first["remedy"]
-    assert first["shift"]["camera"]["m"] > 0.02
+    assert first["pose_shift"]["camera"]["m"] > 0.02
 
 
 def test_two_errors_at_once_are_both_named():
     world = SyntheticWorld(targets=scale_pattern(1.02) | {"cylinder": RADIUS["cylinder"]})
-    assert {s["name"] for s in found(world)} == {"squares", "radius"}
+    assert {s["name"] for s in found(world)} == {"square_size", "radius"}
 
 
 KNOCK = np.array([0.004, 0.0, 0.006, 0.0, 0.01, 0.0])  # m, rad
@@ -126,10 +126,10 @@ def test_a_target_that_is_knocked_half_way_is_named_with_when_and_by_how_much():
     first = find_suspected_errors(
         made, solve_synthetic_setup(made, max_rounds=20), list_corrections_and_shifts(made)
     )[0]
-    assert (first["name"], first["of"]) == ("slipped", "board") and first["chance"] < 1e-9
-    assert "from its placement 7 in session s on" in first["text"]
+    assert (first["name"], first["subject"]) == ("target_slip", "board") and first["p_value"] < 1e-9
+    assert "from its placement 7 in session s on" in first["description"]
     np.testing.assert_allclose(first["estimate"], KNOCK, atol=0.0025)
-    assert not any(r["name"] == "slipped" for r in first["rivals"])
+    assert not any(r["name"] == "target_slip" for r in first["alternatives"])
 
 
 def test_a_sensor_that_is_bumped_half_way_is_named_with_when_and_by_how_much():
@@ -149,8 +149,10 @@ def test_a_sensor_that_is_bumped_half_way_is_named_with_when_and_by_how_much():
     first = find_suspected_errors(
         made, solve_synthetic_setup(made, max_rounds=20), list_corrections_and_shifts(made)
     )[0]
-    assert (first["name"], first["of"]) == ("bumped", "camera") and first["chance"] < 1e-9
-    assert "from its placement 7 in session s on" in first["text"]
+    assert (first["name"], first["subject"]) == ("sensor_bump", "camera") and first[
+        "p_value"
+    ] < 1e-9
+    assert "from its placement 7 in session s on" in first["description"]
     np.testing.assert_allclose(first["estimate"], KNOCK, atol=0.0025)
 
 
@@ -163,7 +165,7 @@ def test_the_derivatives_are_those_of_the_residuals_by_a_large_step():
     """Of the squares, over a step a thousand times as large as that of the differences."""
     made = make_synthetic_setup(0, MIXED[6:8])
     result = solve_synthetic_setup(made, max_rounds=6)
-    squares = next(h for h in list_testable_corrections(made) if h.name == "squares")
+    squares = next(h for h in list_testable_corrections(made) if h.name == "square_size")
     at = [g.kind for g in made.groups].index("pattern_corner")
     group, assigned, part = made.groups[at], result.assignments[at], result.solve_result.factors[at]
     model = made.models[group.sensor]

@@ -111,4 +111,4 @@ def test_the_results_state_the_shift_from_the_config_and_its_prior():
     told = target_mounts_json(made, result, {"targets": {"board": {}, "cylinder": {}}})
     assert told["cylinder"] is None
     np.testing.assert_allclose(told["board"]["shift"], se3_log(OFF), atol=1e-3)
-    np.testing.assert_array_equal(told["board"]["prior"], SIGMA)
+    np.testing.assert_array_equal(told["board"]["prior_sigma"], SIGMA)

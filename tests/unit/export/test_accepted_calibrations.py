@@ -157,7 +157,13 @@ def test_without_an_accepted_calibration_there_is_no_drift(tmp_path):
 
 
 def test_repeatability_is_the_scatter_of_sessions_by_themselves(tmp_path):
-    row = {"session": "s1", "sensor": "left", "others": 1, "chance": 0.5, "sigma": [1e-3] * 6}
+    row = {
+        "session": "s1",
+        "sensor": "left",
+        "n_other_sessions": 1,
+        "p_value": 0.5,
+        "sigma": [1e-3] * 6,
+    }
     rows = [row | {"shift": [0.003, 0.004, 0, 0, 0, s * 1e-3]} for s in (1, -1)]
     results(tmp_path, "robo", repeatability=rows)
     assert "left camera PASS 3 0.017 – – – 5 0.057" in extract_page_text(page(tmp_path))

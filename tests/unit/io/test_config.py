@@ -7,7 +7,12 @@ import pytest
 import yaml
 
 from calib.geometry.se3 import invert_pose, pose_from_rpy, pose_to_quat, rotation_angle
-from calib.io.config import load_config, validate_and_complete
+from calib.io.config import (
+    RENAMED_KEYS,
+    default_config_blocks,
+    load_config,
+    validate_and_complete,
+)
 from calib.io.pose_block import pose_from_config, pose_json, pose_sigma_from_config
 from calib.io.status import InputError
 from calib.sensors.lidar.lidar_model import LidarModel
@@ -191,6 +196,38 @@ def test_every_default_of_every_schema_is_itself_valid():
 )
 def test_an_unknown_key_is_refused_with_its_path_and_the_nearest_name(what, path, words):
     assert words in refusal(what, edited(what, path, 1))
+
+
+def config_value(blocks, path):
+    for key in path.split("."):
+        blocks = blocks.get(key, {})
+    return blocks
+
+
+@pytest.mark.parametrize("old", RENAMED_KEYS)
+def test_a_former_key_is_refused_with_its_name_today(old):
+    new, blocks = RENAMED_KEYS[old], default_config_blocks()
+    assert config_value(blocks, new) != {} and config_value(blocks, old) == {}
+    config = CONFIG | {"solve": {"estimate": {}}, "judge": {}, "crop": {}, "guess": {}}
+    assert f"config.yaml: renamed keys: {old} is now {new}. Use" in refusal(
+        "config", edited_block(config, old)
+    )
+
+
+def edited_block(config, path):
+    """A copy of a config with a number at a path."""
+    out = copy.deepcopy(config)
+    block, (*parents, key) = out, path.split(".")
+    for name in parents:
+        block = block[name]
+    block[key] = 1
+    return out
+
+
+def test_all_former_keys_of_a_config_are_named_at_once():
+    config = CONFIG | {"judge": {"warn_heldout": 2, "warn_beyond": 0.1}, "gate": {"windows_s": 1}}
+    words = "judge.warn_beyond is now judge.warn_tail_share; judge.warn_heldout is now"
+    assert words in refusal("config", config)
 
 
 @pytest.mark.parametrize("key", [7, True, 2026.5])

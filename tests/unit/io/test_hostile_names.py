@@ -26,7 +26,7 @@ def test_the_report_shows_what_a_log_names_and_runs_none_of_it(report_files):
         audit["topics"][NAME] = {"type": NAME, "messages": 3}
         audit["faults"] = [NAME]
         for sensor in audit["sensors"].values():
-            sensor |= {"frame": NAME, "told": {"image": NAME}}
+            sensor |= {"frame": NAME, "inferred": {"image": NAME}}
         for body in audit["bodies"].values():
             body["status"] = failure_status(NAME, NAME, NAME, NAME).to_dict()
     report_files.calibration["reasons"] = [NAME]

@@ -23,17 +23,21 @@ from helpers.report_inputs import (
 
 def test_estimated_unknowns_are_told(report_files, skip_figures):
     report_files.calibration["sensors"]["left"]["time_offset_s"] = {"value": 0.025, "sigma": 0.0002}
-    report_files.calibration["sensors"]["left"]["clock"] = "from 25 views of targets in motion"
-    report_files.calibration["sensors"]["top"]["clock"] = "not observable: no relative motion"
+    report_files.calibration["sensors"]["left"]["time_offset_note"] = (
+        "from 25 views of targets in motion"
+    )
+    report_files.calibration["sensors"]["top"]["time_offset_note"] = (
+        "not observable: no relative motion"
+    )
     drift = {"value": 200.0, "sigma": 20.0}
     wander = {"time_offset_s": {"value": 0.026, "sigma": 0.0003}, "drift_ppm": drift}
-    report_files.calibration["sensors"]["left"]["time_wander"] = {"s1": wander}
+    report_files.calibration["sensors"]["left"]["clock_drift"] = {"s1": wander}
     report_files.calibration["targets"]["board"] = {
         "T_body_target": pose_json(pose_from_rpy([0.006, 0, 0], [0, 0, np.radians(1)])),
         "covariance": np.diag(POSE_SIGMA**2).tolist(),
         "shift": [0.006, 0, 0, 0, 0, np.radians(1)],
-        "prior": (POSE_SIGMA * [2, 4, 4, 4, 4, 1.05]).tolist(),
-        "open": ["its turn about z"],
+        "prior_sigma": (POSE_SIGMA * [2, 4, 4, 4, 4, 1.05]).tolist(),
+        "undetermined": ["its turn about z"],
     }
     T = pose_json(pose_from_rpy([0.03, 0, 0], [0, 0, 0]))
     markers = {"T_robot_markers": T, "covariance": np.diag(POSE_SIGMA**2).tolist()}
@@ -60,7 +64,7 @@ def test_the_range_error_common_to_all_beams_is_shown_if_sigma_includes_it(
 
 
 def test_every_session_stands_beside_the_others(report_files, skip_figures):
-    row = {"session": "s1", "sensor": "left", "others": 1, "chance": 1e-9}
+    row = {"session": "s1", "sensor": "left", "n_other_sessions": 1, "p_value": 1e-9}
     shift, sigma = [0.003, 0, 0.004, 0, 0, 0.01], [0.0001] * 3 + [0.001] * 3
     report_files.calibration["repeatability"] = [row | {"shift": shift, "sigma": sigma}]
     assert "s1 left 5 0.17 0.57 0.099" in extract_page_text(report_files.render_report())
@@ -70,13 +74,18 @@ def test_levels_agree_with_the_judge():
     limits = validate_and_complete("config", {"sessions": {"s": {"rig": "r", "log": "x"}}}, "x")[
         "judge"
     ]
-    told = {"tilt": {}, "fit": {}, "advice": "", "correction": None}
+    told = {
+        "direction_spread_deg": {},
+        "fit_by_kind": {},
+        "recording_advice": "",
+        "guess_deviation_in_sigma": None,
+    }
     for sigma in (0.001, 0.006, 0.03):
         sensor = make_sensor_result("top") | {"covariance": (np.eye(6) * sigma**2).tolist()} | told
         sensor |= {
-            "rejected": 0.3,
+            "rejected_share": 0.3,
             "placements": 2,
-            "held_out": LEAVE_ONE_OUT_JSON | {"ratio": 3.0},
+            "leave_one_out": LEAVE_ONE_OUT_JSON | {"error_over_sigma": 3.0},
         }
         cells = {
             key: verdict_summary._check_level(value, limits, key, large)
@@ -137,21 +146,27 @@ def test_what_did_not_pass_comes_with_what_to_do(report_files, skip_figures):
 
 
 def test_suspicions_are_told_with_rivals_effect_and_remedy(report_files, skip_figures):
-    rival = {"name": "frame", "of": "board", "text": "it is off", "remedy": "so", "gain": 9.0}
+    rival = {
+        "name": "mount",
+        "subject": "board",
+        "description": "it is off",
+        "remedy": "so",
+        "log_likelihood_gain": 9.0,
+    }
     rival |= {"estimate": [0.001], "sigma": [0.0001]}
-    report_files.calibration["suspicions"] = [
+    report_files.calibration["suspected_errors"] = [
         {
-            "name": "squares",
-            "of": "board",
-            "text": "the squares are larger",
+            "name": "square_size",
+            "subject": "board",
+            "description": "the squares are larger",
             "remedy": "measure them",
             "estimate": [0.02],
             "sigma": [0.001],
-            "gain": 30.0,
-            "chance": 1e-14,
-            "explained": {"left/corner": 0.4, "mocap": 0.01},
-            "shift": {"left": {"m": 0.0123, "rad": 0.001, "sigmas": 9.0}},
-            "rivals": [rival],
+            "log_likelihood_gain": 30.0,
+            "p_value": 1e-14,
+            "explained_share": {"left/corner": 0.4, "mocap_noise": 0.01},
+            "pose_shift": {"left": {"m": 0.0123, "rad": 0.001, "sigmas": 9.0}},
+            "alternatives": [rival],
         }
     ]
     said = extract_page_text(report_files.render_report())

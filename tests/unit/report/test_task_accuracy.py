@@ -171,7 +171,7 @@ def test_diagnostics_are_ranked_by_level_then_by_what_they_cost(tmp_path):
     files = ReportInputs(tmp_path)
     files.findings = [
         finding("sigma_m", "warn", 0.006, 0.005),
-        finding("beyond", "warn", 0.09, 0.03),
+        finding("tail_share", "warn", 0.09, 0.03),
         finding("status", "fail", None, None),
         finding("placements", "warn", 2, 5),
     ]
@@ -204,8 +204,8 @@ def test_a_turn_that_nobody_can_see_is_not_asked_for(report_files, skip_figures)
         "T_body_target": pose_json(np.eye(4)),
         "covariance": np.diag(POSE_SIGMA**2).tolist(),
         "shift": [0.0] * 6,
-        "prior": (POSE_SIGMA * [4, 4, 4, 1.0, 4, 4]).tolist(),
-        "open": [],
+        "prior_sigma": (POSE_SIGMA * [4, 4, 4, 1.0, 4, 4]).tolist(),
+        "undetermined": [],
     }
     said = extract_page_text(report_files.render_report())
     assert "σ is 0.25 to 0.25 of its prior; the turn about x of the target does not matter" in said

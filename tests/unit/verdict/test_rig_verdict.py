@@ -83,7 +83,7 @@ def test_a_wrong_size_lens_or_mount_does_not_pass_and_is_named_first(case):
     world, words = WRONG[case]
     level, found, _ = judged(make_synthetic_setup(0, MIXED, world))
     assert level in ("warn", "fail")
-    assert found[0]["check"] == "suspicion" and words in found[0]["text"]
+    assert found[0]["check"] == "suspected_error" and words in found[0]["text"]
     assert all("more placements" not in f["remedy"] for f in found)
 
 
@@ -139,7 +139,7 @@ def test_a_large_sigma_with_a_good_fit_asks_for_views_and_says_how_many(clean):
 def test_a_large_sigma_with_a_bad_fit_does_not_ask_for_views(clean):
     def spoil(s):
         s["sensors"]["camera"]["covariance"] = np.diag([1e-4] * 3 + [1e-8] * 3).tolist()
-        s["sensors"]["camera"]["fit"]["pattern_corner"]["noise_factor"] = 12.0
+        s["sensors"]["camera"]["fit_by_kind"]["pattern_corner"]["noise_factor"] = 12.0
 
     _, found, _ = told(clean, spoil)
     assert [f["check"] for f in found] == ["noise_factor", "sigma_m"]
@@ -148,15 +148,15 @@ def test_a_large_sigma_with_a_bad_fit_does_not_ask_for_views(clean):
 
 SPOILED = {
     "mocap_factor": (lambda s: s["noise"].update(mocap_factor=31.0), "fail", 31.0),
-    "rejected": (lambda s: s["sensors"]["lidar"].update(rejected=0.3), "warn", 0.3),
+    "rejected": (lambda s: s["sensors"]["lidar"].update(rejected_share=0.3), "warn", 0.3),
     "placements": (lambda s: s["sensors"]["lidar"].update(placements=2), "fail", 2),
-    "correction_sigma": (lambda s: s["sensors"]["lidar"].update(correction=4.0), "warn", 4.0),
-    "heldout": (lambda s: s["sensors"]["lidar"]["held_out"].update(ratio=5.0), "fail", 5.0),
-    "beyond": (lambda s: s["sensors"]["lidar"]["fit"]["target_surface"].update(beyond=0.05), "warn", 0.05),
-    "whiteness": (
-        lambda s: s["sensors"]["lidar"]["fit"]["target_surface"].update(whiteness=20.0), "fail", 20.0
+    "guess_deviation_sigma": (lambda s: s["sensors"]["lidar"].update(guess_deviation_in_sigma=4.0), "warn", 4.0),
+    "leave_one_out": (lambda s: s["sensors"]["lidar"]["leave_one_out"].update(error_over_sigma=5.0), "fail", 5.0),
+    "tail_share": (lambda s: s["sensors"]["lidar"]["fit_by_kind"]["target_surface"].update(tail_share=0.05), "warn", 0.05),
+    "systematic": (
+        lambda s: s["sensors"]["lidar"]["fit_by_kind"]["target_surface"].update(systematic_ratio=20.0), "fail", 20.0
     ),
-    "settled": (lambda s: s.update(settled=False), "warn", None),
+    "convergence": (lambda s: s.update(has_converged=False), "warn", None),
 }  # fmt: skip
 
 
@@ -175,21 +175,31 @@ def test_every_limit_is_told_with_its_value_and_a_remedy(clean, check):
 
 def test_what_fails_comes_first_and_causes_before_effects(clean):
     def spoil(s):
-        s["settled"] = False
+        s["has_converged"] = False
         s["noise"]["mocap_factor"] = 3.0
         s["sensors"]["camera"]["covariance"] = np.diag([1e-2] * 3 + [1e-8] * 3).tolist()
 
     _, found, _ = told(clean, spoil)
-    assert [f["check"] for f in found] == ["sigma_m", "mocap_factor", "settled"]
+    assert [f["check"] for f in found] == ["sigma_m", "mocap_factor", "convergence"]
 
 
 def test_a_suspicion_that_moves_nothing_is_not_told(clean):
     shift = {n: {"m": 1e-5, "rad": 1e-6, "sigmas": 0.5} for n in ("camera", "lidar")}
-    suspected = {"name": "squares", "of": "board", "text": "so", "remedy": "do", "gain": 50.0}
-    suspected |= {"chance": 1e-20, "explained": {"camera/corner": 0.5}, "rivals": []}
-    assert told(clean, lambda s: s["suspicions"].append(suspected | {"shift": shift}))[1] == []
+    suspected = {"name": "square_size", "subject": "board", "description": "so", "remedy": "do"}
+    suspected |= {
+        "p_value": 1e-20,
+        "log_likelihood_gain": 50.0,
+        "explained_share": {"camera/corner": 0.5},
+        "alternatives": [],
+    }
+    assert (
+        told(clean, lambda s: s["suspected_errors"].append(suspected | {"pose_shift": shift}))[1]
+        == []
+    )
     far = shift | {"camera": {"m": 0.03, "rad": 0.0, "sigmas": 40.0}}
-    level, found, levels = told(clean, lambda s: s["suspicions"].append(suspected | {"shift": far}))
+    level, found, levels = told(
+        clean, lambda s: s["suspected_errors"].append(suspected | {"pose_shift": far})
+    )
     assert level == "fail" and levels == {"camera": "fail", "lidar": "pass"}
     assert found[0]["text"] == "probably so: mending it would move camera by 30 mm and 0°"
 
@@ -197,13 +207,17 @@ def test_a_suspicion_that_moves_nothing_is_not_told(clean):
 @pytest.mark.parametrize(("ms", "chance", "warned"), [(25, 1e-9, 1), (3, 1e-9, 0), (25, 1e-3, 0)])
 def test_a_clock_that_is_off_and_not_to_be_estimated_is_warned_of(clean, ms, chance, warned):
     still = {n: {"m": 0.0, "rad": 0.0, "sigmas": 0.0} for n in ("camera", "lidar")}
-    about = {"name": "time_offset", "of": "camera", "text": "the stamps of camera are early"}
-    about |= {"remedy": "write it", "estimate": [ms / 1e3], "chance": chance, "shift": still}
-    _, found, levels = told(clean, lambda s: s["suspicions"].append(about))
+    about = {
+        "name": "time_offset",
+        "subject": "camera",
+        "description": "the stamps of camera are early",
+    }
+    about |= {"remedy": "write it", "estimate": [ms / 1e3], "p_value": chance, "pose_shift": still}
+    _, found, levels = told(clean, lambda s: s["suspected_errors"].append(about))
     assert levels["camera"] == ("warn" if warned else "pass")
     if warned:
         ((check, value, text),) = [(f["check"], f["value"], f["text"]) for f in found]
-        assert (check, value) == ("offset_s", 0.025)
+        assert (check, value) == ("time_offset_s", 0.025)
         assert "the stamps of camera are early, and solve.estimate.time_offset is false" in text
 
 
@@ -224,9 +238,9 @@ def moved(shift, prior=0.002, held=()):
     """Findings of a rig whose board was estimated elsewhere than stated, by (6,), m and rad."""
     made = make_synthetic_setup(0, MIXED)
     told = content(made)
-    told["targets"] = {"board": {"shift": shift, "prior": [prior] * 3 + [0.005] * 3}}
-    told["targets"]["board"]["open"] = list(held)
-    return [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "alignment"]
+    told["targets"] = {"board": {"shift": shift, "prior_sigma": [prior] * 3 + [0.005] * 3}}
+    told["targets"]["board"]["undetermined"] = list(held)
+    return [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "target_mount"]
 
 
 def test_a_board_estimated_6_mm_from_where_it_was_stated_to_2_mm_passes():
@@ -252,7 +266,7 @@ def test_a_board_estimated_farther_off_is_named_with_its_shift_and_what_to_write
 def test_a_clock_far_from_its_first_guess_is_told_with_what_to_write(clean, offset, level):
     late = copy.deepcopy(clean)
     late["sensors"]["lidar"]["time_offset_s"] = {"value": offset, "sigma": 1e-4}
-    found = [f for f in rig_findings(late, LIMITS)[1] if f["check"] == "offset_s"]
+    found = [f for f in rig_findings(late, LIMITS)[1] if f["check"] == "time_offset_s"]
     assert [f["level"] for f in found] == level
     assert all(f"write sensors.lidar.time_offset_s: {offset:.4f}" in f["remedy"] for f in found)
 
@@ -260,12 +274,12 @@ def test_a_clock_far_from_its_first_guess_is_told_with_what_to_write(clean, offs
 @pytest.mark.parametrize(("mm", "level"), [(0.1, []), (3.0, ["warn"]), (30.0, ["fail"])])
 def test_a_sensor_that_moved_between_sessions_is_called_by_name(clean, mm, level):
     told = copy.deepcopy(clean)
-    row = {"sensor": "camera", "sigma": [1e-5] * 6, "others": 1, "chance": 1e-30}
+    row = {"sensor": "camera", "sigma": [1e-5] * 6, "n_other_sessions": 1, "p_value": 1e-30}
     told["repeatability"] = [
         row | {"session": s, "shift": [sign * mm / 1e3, 0, 0, 0, 0, 0]}
         for s, sign in (("evening", 1), ("morning", -1))
     ]
-    found = [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "moved"]
+    found = [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "sensor_moved"]
     assert [f["level"] for f in found] == level
     assert all(f"camera sits {mm:.2g} mm and 0° elsewhere in session" in f["text"] for f in found)
     assert all(f["sensors"] == ["camera"] for f in found)
@@ -273,6 +287,6 @@ def test_a_sensor_that_moved_between_sessions_is_called_by_name(clean, mm, level
 
 def test_sessions_that_differ_by_chance_are_none_of_the_verdict(clean):
     told = copy.deepcopy(clean)
-    row = {"sensor": "camera", "session": "evening", "sigma": [1e-3] * 6, "others": 1}
-    told["repeatability"] = [row | {"chance": 0.01, "shift": [0.003, 0, 0, 0, 0, 0]}]
-    assert not [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "moved"]
+    row = {"sensor": "camera", "session": "evening", "sigma": [1e-3] * 6, "n_other_sessions": 1}
+    told["repeatability"] = [row | {"p_value": 0.01, "shift": [0.003, 0, 0, 0, 0, 0]}]
+    assert not [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "sensor_moved"]

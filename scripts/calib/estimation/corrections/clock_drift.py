@@ -9,7 +9,7 @@ from calib.estimation.corrections.clock_offset import TIME_OFFSET, time_offset_d
 from calib.estimation.corrections.correction import Correction
 from calib.geometry.units import NS_PER_S
 
-CLOCK_DRIFT = "time_wander"  # name of the correction
+CLOCK_DRIFT = "clock_drift"  # name of the correction
 SESSION_OFFSET_PRIOR_S, DRIFT_PRIOR_S_PER_S = (
     0.05,
     1e-3,

@@ -90,18 +90,18 @@ def suspected_clock_errors_json(setup, result):
         out.append(
             {
                 "name": TIME_OFFSET,
-                "of": h.subject,
-                "text": f"the stamps of {h.subject} are {1e3 * abs(late):.3g} ± {1e3 * sigma:.2g} ms "
+                "subject": h.subject,
+                "description": f"the stamps of {h.subject} are {1e3 * abs(late):.3g} ± {1e3 * sigma:.2g} ms "
                 f"{'early' if late > 0 else 'late'} against those of the motion capture",
                 "remedy": f"write sensors.{h.subject}.time_offset_s {1e3 * late:+.3g} ms farther, or "
                 "solve.estimate.time_offset: auto",
                 "estimate": [float(late)],
                 "sigma": [float(sigma)],
-                "gain": gain,
-                "chance": gain_p_value(gain, 1),
-                "explained": {},
-                "shift": {n: {"m": 0.0, "rad": 0.0, "sigmas": 0.0} for n in setup.models},
-                "rivals": [],
+                "log_likelihood_gain": gain,
+                "p_value": gain_p_value(gain, 1),
+                "explained_share": {},
+                "pose_shift": {n: {"m": 0.0, "rad": 0.0, "sigmas": 0.0} for n in setup.models},
+                "alternatives": [],
             }
         )
     return out
@@ -115,15 +115,15 @@ def time_offset_json(sensor, setup, result, guess):
     views = sum(g.is_moving and g.sensor == sensor for g in setup.groups)
     at = setup.correction_slice(TIME_OFFSET, sensor)
     if not views or at is None or result.solve_result is None:
-        return {"time_offset_s": None, "clock": "not observable: no relative motion"}
+        return {"time_offset_s": None, "time_offset_note": "not observable: no relative motion"}
     (prior,), (theta,) = setup.correction_sigma[at], result.state.correction_values[at]
     (ratio,) = np.sqrt(np.diag(result.solve_result.covariance)[setup.n_chain_unknowns :][at])
     if ratio > MAX_CLOCK_SIGMA_RATIO:
         return {
             "time_offset_s": None,
-            "clock": f"not observable: {views} views in motion tell it no "
+            "time_offset_note": f"not observable: {views} views in motion tell it no "
             f"better than ± {1e3 * ratio * prior:.2g} ms",
         }
     value = guess["time_offset_s"]["value"] + theta
     found = {"value": float(value), "sigma": float(ratio * prior)}
-    return {"time_offset_s": found, "clock": f"from {views} views of targets in motion"}
+    return {"time_offset_s": found, "time_offset_note": f"from {views} views of targets in motion"}

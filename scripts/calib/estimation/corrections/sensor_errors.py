@@ -54,7 +54,7 @@ def make_lens_corrections(setup):
 
         remedy = f"calibrate the lens of {name} again, at the focus and image size of the recording"
         yield Correction(
-            "focal",
+            "focal_length",
             name,
             True,
             (),
@@ -160,7 +160,16 @@ def _make_beam_correction(name, rings, basis, sigma):
         return replace(lidar, range_offsets=tuple(offsets.tolist()))
 
     return Correction(
-        "beams", name, True, RETURN_KINDS, len(sigma), derivative, told, remedy, sigma, longer
+        "beam_offsets",
+        name,
+        True,
+        RETURN_KINDS,
+        len(sigma),
+        derivative,
+        told,
+        remedy,
+        sigma,
+        longer,
     )
 
 
@@ -277,7 +286,16 @@ def make_outline_twist_corrections(setup):
         )
         slope = make_finite_difference(change, [FINITE_STEP_M] * 3 + [RELATIVE_STEP] * 3)
         yield Correction(
-            "apart", name, True, OUTLINE_KINDS, 6, slope, told, remedy, OUTLINE_TWIST_SIGMA, moved
+            "outline_vs_surface",
+            name,
+            True,
+            OUTLINE_KINDS,
+            6,
+            slope,
+            told,
+            remedy,
+            OUTLINE_TWIST_SIGMA,
+            moved,
         )
 
 

@@ -6,7 +6,7 @@ from calib.estimation.corrections.correction import Correction
 from calib.estimation.corrections.number_wording import format_twist_sigma
 from calib.geometry.se3 import adjoint, invert_pose
 
-TARGET_SLIP, SENSOR_BUMP = SESSION_SHIFT_NAMES = "slipped", "bumped"
+TARGET_SLIP, SENSOR_BUMP = SESSION_SHIFT_NAMES = "target_slip", "sensor_bump"
 MIN_SHIFT_PLACEMENTS = (
     6  # placements in a session, below which nobody asks whether something moved between them
 )

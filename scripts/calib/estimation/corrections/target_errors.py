@@ -49,7 +49,7 @@ def make_square_corrections(setup):
 
         remedy = f"measure square_m of {name} with a calliper over several squares"
         yield Correction(
-            "squares",
+            "square_size",
             name,
             False,
             CORNER_KINDS,
@@ -92,7 +92,7 @@ def make_outline_corrections(setup):
 
         remedy = f"measure the sides of {name} and its place in its frame for outline_m"
         yield Correction(
-            "outline",
+            "outline_size",
             name,
             False,
             OUTLINE_KINDS,
@@ -105,7 +105,9 @@ def make_outline_corrections(setup):
         if n <= MAX_TESTED_EDGES and _bend_sines(target.vertices).min() > MIN_BEND_SINE:
             steps = [FINITE_STEP_M] * n
             change = make_finite_difference(shifted, steps)
-            yield Correction("edges", name, False, OUTLINE_KINDS, n, change, of_edges, remedy)
+            yield Correction(
+                "outline_edges", name, False, OUTLINE_KINDS, n, change, of_edges, remedy
+            )
 
 
 def _bend_sines(vertices):
@@ -179,7 +181,7 @@ def make_mount_corrections(setup):
 
         remedy = f"measure T_body_target of {name} again, or let it be estimated"
         yield Correction(
-            "frame",
+            "mount",
             name,
             False,
             (),

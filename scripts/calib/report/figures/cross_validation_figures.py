@@ -11,7 +11,9 @@ from calib.report.sections.cross_validation import list_placement_influences
 
 def draw_sigma_by_placements(run):
     """σ of every sensor's pose with the first so many of its placements; None without any."""
-    found = {n: s["predicted"] for n, s in run.sensors.items() if s["predicted"]}
+    found = {
+        n: s["sigma_by_placements"] for n, s in run.sensors.items() if s["sigma_by_placements"]
+    }
     found = {n: p for n, p in found.items() if len(p["placements"]) > 1}
     if not found:
         return None

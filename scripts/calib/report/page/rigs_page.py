@@ -89,7 +89,9 @@ def build_session_overview(calibration, verdict, name, audit):
         return {"name": name, "level": "fail", "told": "not decoded"}
     faults = [s["status"]["reason"] for part in ("sensors", "bodies") for s in audit[part].values()]
     faults = list(dict.fromkeys(f for f in faults if f))
-    moved = [f for f in verdict["findings"] if f["check"] == "moved" and f" {name} " in f["text"]]
+    moved = [
+        f for f in verdict["findings"] if f["check"] == "sensor_moved" and f" {name} " in f["text"]
+    ]
     levels = ["fail"] * bool(faults) + [f["level"] for f in moved]
     told = faults + [f["text"] for f in moved]
     return {"name": name, "level": worst_level(levels), "told": "; ".join(told) or "complete"}

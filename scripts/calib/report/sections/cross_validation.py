@@ -11,24 +11,26 @@ N_TOP_INFLUENCES = 3
 
 def tabulate_suspected_errors(run):
     """Rows of what the residuals speak for, the gravest first, and whether the verdict names it."""
-    told = [f["text"] for f in run.verdict["findings"] if f["check"] == "suspicion"]
+    told = [f["text"] for f in run.verdict["findings"] if f["check"] == "suspected_error"]
     return [
         {
-            "text": s["text"],
+            "text": s["description"],
             "remedy": s["remedy"],
-            "named": any(s["text"] in t for t in told),
-            "chance": _format_p_value(s["chance"]),
+            "named": any(s["description"] in t for t in told),
+            "chance": _format_p_value(s["p_value"]),
             "shift": [
                 _format_pose_shift(n, by)
-                for n, by in sorted(s["shift"].items())
+                for n, by in sorted(s["pose_shift"].items())
                 if by["sigmas"] > 0.5
             ],
             "explained": [
-                f"{format_percent(v)} of {k}" for k, v in sorted(s["explained"].items()) if v > 0.05
+                f"{format_percent(v)} of {k}"
+                for k, v in sorted(s["explained_share"].items())
+                if v > 0.05
             ],
-            "rivals": [r["text"] for r in s["rivals"]],
+            "rivals": [r["description"] for r in s["alternatives"]],
         }
-        for s in run.calibration["suspicions"]
+        for s in run.calibration["suspected_errors"]
     ]
 
 
@@ -45,13 +47,15 @@ def _format_pose_shift(name, shift):
 def tabulate_session_repeatability(run):
     """Rows of every sensor and session: its pose by that session alone, against the others."""
     rows = []
-    moved = {n for f in run.verdict["findings"] if f["check"] == "moved" for n in f["sensors"]}
+    moved = {
+        n for f in run.verdict["findings"] if f["check"] == "sensor_moved" for n in f["sensors"]
+    }
     for row in run.calibration["repeatability"]:
         shift, sigma = np.reshape([row["shift"], row["sigma"]], (2, 2, 3)) * [
             [[MM_PER_M], [DEG_PER_RAD]]
         ]
         told = {k: row[k] for k in ("session", "sensor")} | {
-            "chance": _format_p_value(row["chance"])
+            "chance": _format_p_value(row["p_value"])
         }
         for i, unit in enumerate(("mm", "deg")):
             told[unit] = format_number(np.linalg.norm(shift[i]), 2)
@@ -66,7 +70,7 @@ def tabulate_leave_one_out(run):
     of them lengths over three axes."""
     rows = []
     for name, sensor in run.sensors.items():
-        held = sensor["held_out"]
+        held = sensor["leave_one_out"]
         if held:
             rows.append(
                 {
@@ -74,10 +78,12 @@ def tabulate_leave_one_out(run):
                     "placements": format_count(held["placements"]),
                     "mm": format_number(held["rms_m"] * MM_PER_M, 2),
                     "deg": format_number(held["rms_rad"] * DEG_PER_RAD, 2),
-                    "ratio": format_number(held["ratio"], 3),
+                    "ratio": format_number(held["error_over_sigma"], 3),
                     "sigma_mm": format_number(_sigma_length(sensor, 0) * MM_PER_M, 2),
                     "sigma_deg": format_number(_sigma_length(sensor, 1) * DEG_PER_RAD, 2),
-                    "level": level_by_limits(held["ratio"], run.verdict["limits"], "heldout"),
+                    "level": level_by_limits(
+                        held["error_over_sigma"], run.verdict["limits"], "leave_one_out"
+                    ),
                     "most": format_top_influences(run, name),
                 }
             )
@@ -96,7 +102,7 @@ def list_placement_influences(run, sensor):
     for row in run.calibration["influences"]:
         own = row["sensors"].get(sensor)
         if own:
-            nees = own["nees"] / own["directions"] if own["directions"] else None
+            nees = own["nees"] / own["n_directions"] if own["n_directions"] else None
             at = row["session"], row["target"], row["placement"]
             out.append((*at, own["influence"], nees))
     return out
@@ -117,10 +123,12 @@ def format_top_influences(run, sensor):
 def tabulate_rejected_regions(run, sensor):
     """Rows of the measurements that are no members: target, kind, and where they lie."""
     rows = {}
-    for row in run.sensors[sensor]["left_out"]:
-        at = rows.setdefault((row["target"], row["kind"]), {"of": row["of"], "where": []})
-        share = format_percent(row["count"] / max(row["of"], 1))
-        at["where"].append((format_count(row["count"]), share, row["where"]))
+    for row in run.sensors[sensor]["rejected_by_region"]:
+        at = rows.setdefault(
+            (row["target"], row["kind"]), {"of": row["n_measurements"], "where": []}
+        )
+        share = format_percent(row["count"] / max(row["n_measurements"], 1))
+        at["where"].append((format_count(row["count"]), share, row["region"]))
     return [
         {"target": t, "kind": k, "of": format_count(r["of"]), "where": r["where"]}
         for (t, k), r in sorted(rows.items())

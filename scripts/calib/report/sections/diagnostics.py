@@ -24,9 +24,9 @@ def _rank_finding(run, finding):
     check, value, limit = (finding[k] for k in ("check", "value", "limit"))
     if check == "status":
         return float("inf"), f"the pose of {', '.join(finding['sensors'])}"
-    if check == "suspicion":
+    if check == "suspected_error":
         return _rank_suspected_error(run, finding)
-    if check == "moved":
+    if check == "sensor_moved":
         return _rank_session_move(run, finding)
     if value is None or not limit:
         return 1.0, DASH
@@ -39,14 +39,14 @@ def _rank_finding(run, finding):
 
 def _rank_suspected_error(run, finding):
     """What mending a suspicion would move, in the verdict's own limit."""
-    own = [s for s in run.calibration["suspicions"] if s["text"] in finding["text"]]
-    moved = [(by["sigmas"], n, by) for s in own for n, by in s["shift"].items()]
+    own = [s for s in run.calibration["suspected_errors"] if s["description"] in finding["text"]]
+    moved = [(by["sigmas"], n, by) for s in own for n, by in s["pose_shift"].items()]
     if not moved:
         return 1.0, DASH
     sigmas, name, by = max(moved, key=lambda m: m[0])
     m, deg = format_number(by["m"] * MM_PER_M, 2), format_number(by["rad"] * DEG_PER_RAD, 2)
     far = f"{m} mm, {deg}° of {name}"
-    return sigmas / run.verdict["limits"].get("warn_shift_sigma", 1.0), far
+    return sigmas / run.verdict["limits"].get("warn_error_moves_pose_sigma", 1.0), far
 
 
 def _rank_session_move(run, finding):

@@ -150,7 +150,7 @@ def summarize_sensor_pose(run, name):
     sensor = run.sensors[name]
     out = {"name": name, "sensor": sensor, "solved": bool(sensor["T_robot_sensor"])}
     out |= {k: format_count(sensor[k]) for k in ("placements", "observations", "points")}
-    out["rejected"] = format_percent(sensor["rejected"])
+    out["rejected"] = format_percent(sensor["rejected_share"])
     out["residual"] = format_residual_rms(**sensor["residual"])
     if not out["solved"]:
         return out
@@ -182,7 +182,7 @@ def initial_guess_pose(sensor):
 
 def format_least_certain(sensor):
     """`yaw, about z of the robot, σ 0.02 °` of a sensor with a pose."""
-    weak = sensor["weakest"]
+    weak = sensor["least_certain"]
     turning = weak["direction"].startswith("rotation")
     sigma = format_number(weak["sigma"] * (DEG_PER_RAD if turning else MM_PER_M), 2)
     return f"{weak['direction']}, σ {sigma} {'°' if turning else 'mm'}"

@@ -11,9 +11,9 @@ from calib.targets.target_shapes import target_from_config
 
 MOUNT_AXES = [f"{what} {axis}" for what in ("the place along", "the turn about") for axis in "xyz"]
 CORRECTION_LABELS = {  # what was estimated of a sensor besides, by name of the Hypothesis
-    "apart": "returns and outlines",
+    "outline_vs_surface": "returns and outlines",
     "beam_width": "width of the beams",
-    "beams": "ranges of single beams",
+    "beam_offsets": "ranges of single beams",
     "range_bias": "ranges",
 }
 
@@ -23,11 +23,14 @@ def tabulate_nuisance_parameters(run):
     rows = []
     for name, s in run.sensors.items():
         rows.append((f"time offset of {name}", _format_time_offset(s)))
-        wander = sorted((s["time_wander"] or {}).items())
+        wander = sorted((s["clock_drift"] or {}).items())
         rows += [(f"clock of {name} in {session}", _format_clock_drift(w)) for session, w in wander]
         if s["kind"] == "camera":
             rows.append((f"intrinsics of {name}", _format_intrinsics(run, name, s)))
-        rows += [(f"{CORRECTION_LABELS[c['name']]} of {name}", c["text"]) for c in s["corrections"]]
+        rows += [
+            (f"{CORRECTION_LABELS[c['name']]} of {name}", c["description"])
+            for c in s["corrections"]
+        ]
         rows += [
             (f"ranges of {name}, all together", told) for told in _format_common_range_error(s)
         ]
@@ -56,7 +59,7 @@ def _format_common_range_error(sensor):
 
 def _format_time_offset(sensor):
     """A sensor's offset with its σ and where it comes from, or why there is none."""
-    offset, clock = sensor["time_offset_s"], sensor["clock"] or None
+    offset, clock = sensor["time_offset_s"], sensor["time_offset_note"] or None
     if not offset:
         return clock
     return f"{_format_ms(offset)}, {clock}"
@@ -88,17 +91,17 @@ def _format_mount(run, name, target):
         return None
     T = np.array(target["T_body_target"]["matrix"])
     told = _format_pose(T, target["covariance"])
-    if target["prior"] is None:
+    if target["prior_sigma"] is None:
         return told
-    ratio = np.sqrt(np.diag(target["covariance"])) / target["prior"]
+    ratio = np.sqrt(np.diag(target["covariance"])) / target["prior_sigma"]
     unseen = [3 + axis for axis in target_from_config(run.options["targets"][name]).symmetry_axes]
     matters = np.setdiff1d(np.arange(6), unseen)
     low, high = (format_number(v, 2) for v in (ratio[matters].min(), ratio[matters].max()))
     told += f"; σ is {low} to {high} of its prior"
     if unseen:
         told += f"; {', '.join(MOUNT_AXES[i] for i in unseen)} of the target does not matter"
-    if target["open"]:
-        told += f": nothing tells {', '.join(target['open'])}; tilt it to more sides"
+    if target["undetermined"]:
+        told += f": nothing tells {', '.join(target['undetermined'])}; tilt it to more sides"
     return told
 
 
@@ -106,7 +109,7 @@ def _format_intrinsics(run, name, sensor):
     """Parameters of a camera with their σ and what they were; or why there are none."""
     found = sensor["intrinsics"]
     if not found:
-        return sensor["lens"] or None
+        return sensor["intrinsics_note"] or None
     names = CAMERA_MODELS[found["model"]].PARAMETER_NAMES
     # A camera pads what its config leaves out with zeros.
     before = camera_from_config(run.options["sensors"][name]).params

@@ -31,7 +31,7 @@ def format_next_view(next_view):
     one, four = (
         f"{format_number(next_view[k] * scale, 2)} {unit}" for k in ("sigma_one", "sigma_four")
     )
-    return {"words": f"{next_view['target']} {next_view['words']}", "one": one, "four": four}
+    return {"words": f"{next_view['target']} {next_view['description']}", "one": one, "four": four}
 
 
 def tabulate_observability(run):
@@ -43,9 +43,9 @@ def tabulate_observability(run):
         told = {"name": name, "six": [(w, s) for w, s, _ in six], "ratio": DASH}
         if six and six[-1][2] > 0:
             told["ratio"] = format_number(six[0][2] / six[-1][2], 2)
-        told["open"] = [d["words"] for d in sensor["undetermined"]]
+        told["open"] = [d["description"] for d in sensor["undetermined"]]
         told["next"] = format_next_view(sensor["next_view"])
-        told["general"] = sensor["advice"] == GENERAL_ADVICE
-        told["advice"] = sensor["advice"] or sensor["status"]["remedy"]
+        told["general"] = sensor["recording_advice"] == GENERAL_ADVICE
+        told["advice"] = sensor["recording_advice"] or sensor["status"]["remedy"]
         out.append(told)
     return out

@@ -25,7 +25,7 @@ def tabulate_sensor_streams(run, session):
                 "gap": format_number(find_longest_gap(t)),
                 "delay": format_log_delay(t, log_t),
                 "ok": audit.get("status", {}).get("ok", False),
-                "told": [f"{k}: {v}" for k, v in sorted(audit.get("told", {}).items())],
+                "told": [f"{k}: {v}" for k, v in sorted(audit.get("inferred", {}).items())],
             }
         )
     return rows

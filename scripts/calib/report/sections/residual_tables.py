@@ -108,7 +108,7 @@ def summarize_rejected(run, sensor):
     None without a candidate.
     """
     found = run.calibration["sensors"][sensor]
-    share, members_ = found["rejected"], found["points"]
+    share, members_ = found["rejected_share"], found["points"]
     if share >= 1 or not members_:
         return None
     candidates = round(members_ / (1 - share))

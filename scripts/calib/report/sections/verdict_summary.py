@@ -18,13 +18,20 @@ def largest_pose_sigmas(sensor):
 def list_limit_checks(sensor):
     """Per limit: (heading, unit, key, factor to the unit, value, whether large is bad)."""
     position, rotation = largest_pose_sigmas(sensor)
-    solved, held = position is not None, sensor["held_out"]
+    solved, held = position is not None, sensor["leave_one_out"]
     return (
         ("largest position σ", "mm", "sigma_m", MM_PER_M, position, True),
         ("largest rotation σ", "°", "sigma_deg", 1.0, rotation, True),
-        ("rejected", "%", "rejected", 100.0, sensor["rejected"] if solved else None, True),
+        ("rejected", "%", "rejected", 100.0, sensor["rejected_share"] if solved else None, True),
         ("placements", "", "placements", 1, sensor["placements"], False),
-        ("cross-validation error", "σ", "heldout", 1.0, held["ratio"] if held else None, True),
+        (
+            "cross-validation error",
+            "σ",
+            "leave_one_out",
+            1.0,
+            held["error_over_sigma"] if held else None,
+            True,
+        ),
     )
 
 
@@ -32,7 +39,7 @@ def _check_level(value, limits, key, is_upper_limit):
     """The judge's own level; a sensor without the value fails, but for placements left out, of
     which there may be none."""
     if value is None:
-        return "pass" if key == "heldout" else "fail"
+        return "pass" if key == "leave_one_out" else "fail"
     return level_by_limits(value, limits, key, is_upper_limit)
 
 

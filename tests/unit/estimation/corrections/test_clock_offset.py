@@ -319,14 +319,14 @@ def test_a_clock_that_is_not_to_be_estimated_is_doubted_and_moves_no_pose():
     for late in (0.025, 0.0):
         made, result, suspected = refined(recorded(late), {"time_offset": False})
         assert not any(g.is_moving for g in made.groups) and made.corrections == ()
-        clock = {s["of"]: s for s in suspected if s["name"] == "time_offset"}
+        clock = {s["subject"]: s for s in suspected if s["name"] == "time_offset"}
         assert sorted(clock) == ["camera", "lidar"]
         for name, about in clock.items():
             T = invert_pose(alone.state.T_robot_sensor[name]) @ result.state.T_robot_sensor[name]
             assert np.abs(se3_log(T)).max() < 1e-9
             assert abs(about["estimate"][0] - late) < 3.5 * about["sigma"][0] < 2.5e-3
-            assert (about["chance"] < 1e-5) == (late > 0)
-    assert clock["camera"]["text"].startswith("the stamps of camera are ")
+            assert (about["p_value"] < 1e-5) == (late > 0)
+    assert clock["camera"]["description"].startswith("the stamps of camera are ")
 
 
 def test_views_added_to_a_settled_estimate_end_where_they_would_from_the_start():

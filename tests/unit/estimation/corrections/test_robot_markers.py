@@ -65,13 +65,13 @@ def test_markers_and_sensors_are_found_by_their_sigma():
 def test_with_the_markers_estimated_no_sensor_seems_to_have_moved():
     made = remounted()
     rows = repeatability_json(made, solved(made), **SESSION_LIMITS)
-    assert len(rows) == 4 and min(r["chance"] for r in rows) > 1e-3
+    assert len(rows) == 4 and min(r["p_value"] for r in rows) > 1e-3
 
 
 def test_without_a_word_of_it_every_sensor_seems_to_have_moved():
     made = remounted(told=False)
     rows = repeatability_json(made, solved(made), **SESSION_LIMITS)
-    assert max(r["chance"] for r in rows) < 1e-12
+    assert max(r["p_value"] for r in rows) < 1e-12
 
 
 def test_slopes_by_the_markers_are_those_of_the_residuals():

@@ -182,8 +182,8 @@ def told(*infos, config=(), image=None):
 def test_the_audit_holds_the_lens_and_says_where_it_comes_from():
     audit, status = told(message(), message())
     assert status.ok and audit["camera"]["params"] == [800, 790, 450, 350, *D]
-    assert audit["told"]["image"] == "mono8, 900 x 700 px"
-    assert audit["told"]["lens"] == "K and D of CameraInfo (plumb_bob)"
+    assert audit["inferred"]["image"] == "mono8, 900 x 700 px"
+    assert audit["inferred"]["lens"] == "K and D of CameraInfo (plumb_bob)"
 
 
 def test_rectified_may_be_stated_against_the_name_of_the_topic():
@@ -246,4 +246,4 @@ def test_the_first_damaged_image_does_not_hide_the_next():
     for one in (damaged, picture()):
         camera.add_message(Recorded(one))
     audit, status = camera.audit(1e8, {})
-    assert status.ok and audit == {"told": {"image": "mono8, 900 x 700 px"}}
+    assert status.ok and audit == {"inferred": {"image": "mono8, 900 x 700 px"}}
