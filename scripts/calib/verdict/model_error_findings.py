@@ -90,7 +90,7 @@ def target_mount_findings(name, target, limits):
     found = level_by_limits(value, limits, "guess_deviation_sigma")
     if found == "pass":
         return undetermined_mount_findings(name, target["undetermined"])
-    limit = limits[f"{found}_correction_sigma"]
+    limit = limits[f"{found}_guess_deviation_sigma"]
     mm, deg = np.linalg.norm(shift.reshape(2, 3), axis=1) * [MM_PER_M, DEG_PER_RAD]
     text = (
         f"{name} sits {mm:.2g} mm and {deg:.2g}° from where T_body_target says, {value:.3g} of its "

@@ -177,7 +177,7 @@ def test_diagnostics_are_ranked_by_level_then_by_what_they_cost(tmp_path):
     ]
     rows = tabulate_diagnostics(read(files), {})
     assert [r["remedy"] for r in rows] == [
-        "mend status", "mend beyond", "mend placements", "mend sigma_m",
+        "mend status", "mend tail_share", "mend placements", "mend sigma_m",
     ]  # fmt: skip
     assert [r["cost"] for r in rows] == [
         "the pose of left", "3 × the limit", "40 % of the limit", "1.2 × the limit",
