@@ -76,7 +76,9 @@ def sensor_findings(name, sensor, limits):
             f"write sensors.{name}.time_offset_s: {sensor['time_offset_s']['value']:.4f}, so that "
             "frames are taken where they belong"
         )
-        out += check_limit(name, off, limits, "time_offset_s", words, MS_PER_S, " ms", remedy=remedy)
+        out += check_limit(
+            name, off, limits, "time_offset_s", words, MS_PER_S, " ms", remedy=remedy
+        )
     if sensor["guess_deviation_in_sigma"] is not None:
         words = "differs from the first guess by, in its σ,"
         out += check_limit(
