@@ -1,55 +1,47 @@
-"""Pass, warn or fail, per sensor and for the rig, from the limits in the config.
+"""Judges a solution by the limits of the config: pass, warn or fail, per sensor and for the rig.
 
 Reads   solution.json
-Writes  calibration.json  the results as robots and people read them
-        verdict.json      the verdict, its reasons, the limits it was judged by
+Writes  calibration.json  the results, for robots and people
+        verdict.json      the verdict, its findings and the limits
 """
 
 import argparse
 from collections.abc import Sequence
+from typing import Any
 
 from calib.io.config import validate_and_complete
 from calib.io.stage_cli import StageArgumentParser, logger, read_json, run_stage, write_json
-from calib.verdict.rig_verdict import rig_findings
+from calib.verdict.rig_verdict import Verdict, rig_findings
 
 CALIBRATION_SCHEMA_VERSION = 1
+# Keys of solution.json that only this stage reads.
+JUDGED_KEYS = {"has_converged", "ipopt_status"}
+JUDGED_SENSOR_KEYS = {"direction_spread_deg", "guess_deviation_in_sigma"}
 
 
-def calibration_json(solution, overall, reasons, levels):
-    """The content of calibration.json."""
-    keep = ("kind", "frame", "status", "guess", "T_robot_sensor", "covariance", "least_certain")
-    keep += ("placements", "observations", "points", "rejected_share", "residual", "undetermined")
-    keep += (
-        "recording_advice",
-        "next_view",
-        "rejected_by_region",
-        "fit_by_kind",
-        "leave_one_out",
-        "sigma_by_placements",
-        "corrections",
-        "common_range_sigma_m",
-    )
-    keep += ("time_offset_s", "time_offset_note", "clock_drift", "intrinsics", "intrinsics_note")
+def calibration_json(solution: dict[str, Any], verdict: Verdict) -> dict[str, Any]:
+    """Return the content of calibration.json: the solution with its verdict."""
     sensors = {
-        name: {k: sensor[k] for k in keep} | {"verdict": levels[name]}
+        name: {k: v for k, v in sensor.items() if k not in JUDGED_SENSOR_KEYS}
+        | {"verdict": verdict.levels[name]}
         for name, sensor in solution["sensors"].items()
     }
-    return {
+    return {k: v for k, v in solution.items() if k not in JUDGED_KEYS} | {
         "schema_version": CALIBRATION_SCHEMA_VERSION,
-        "rig": solution["rig"],
-        "verdict": overall,
-        "reasons": reasons,
+        "verdict": verdict.level,
+        "reasons": [f["text"] for f in verdict.findings],
         "sensors": sensors,
-        "joint_covariance": solution["joint_covariance"],
-        "pairs": solution["pairs"],
-        "suspected_errors": solution["suspected_errors"],
-        "mocap_offsets_s": solution["mocap_offsets_s"],
-        "influences": solution["influences"],
-        "targets": solution["targets"],
-        "repeatability": solution["repeatability"],
-        "sessions": solution["sessions"],
-        "noise": solution["noise"],
-        "provenance": solution["provenance"],
+    }
+
+
+def verdict_json(verdict: Verdict, limits: dict[str, float]) -> dict[str, Any]:
+    """Return the content of verdict.json."""
+    return {
+        "verdict": verdict.level,
+        "reasons": [f["text"] for f in verdict.findings],
+        "findings": verdict.findings,
+        "sensors": verdict.levels,
+        "limits": limits,
     }
 
 
@@ -61,20 +53,18 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
-def main(argv=None):
+def main(argv: list[str] | None = None) -> None:
     args = _parse_arguments(argv)
-    limits = args.options["judge"]
-    solution = read_json(args.solution)
-    overall, findings, levels = rig_findings(solution, limits)
-    reasons = [f["text"] for f in findings]
-    result = calibration_json(solution, overall, reasons, levels)
-    write_json(args.calibration, validate_and_complete("calibration", result, args.calibration))
-    judged = {"verdict": overall, "reasons": reasons, "findings": findings}
-    judged |= {"sensors": levels, "limits": limits}
-    write_json(args.verdict, validate_and_complete("verdict", judged, args.verdict))
-    logger.info("%s: %s", solution["rig"], overall)
-    for f in findings:
-        logger.info("%s: %s; %s", f["level"], f["text"], f["remedy"])
+    solution, limits = read_json(args.solution), args.options["judge"]
+    verdict = rig_findings(solution, limits)
+    calibration = calibration_json(solution, verdict)
+    validate_and_complete("calibration", calibration, args.calibration)
+    write_json(args.calibration, calibration)
+    judgement = verdict_json(verdict, limits)
+    write_json(args.verdict, validate_and_complete("verdict", judgement, args.verdict))
+    logger.info("%s: %s", solution["rig"], verdict.level)
+    for finding in verdict.findings:
+        logger.info("%(level)s: %(text)s. %(remedy)s", finding)
 
 
 if __name__ == "__main__":

@@ -55,7 +55,7 @@ def upright(tmp_path_factory):
 def test_rotation_about_one_axis_leaves_the_mount_to_its_prior_and_asks_to_tilt_the_target(upright):
     (found,) = [f for f in upright[0]["findings"] if f["check"] == "target_mount"]
     assert found["level"] == "warn"
-    assert "nothing tells where board sits in its body by its place along y" in found["text"]
+    assert "T_body_target of board is undetermined in translation along y" in found["text"]
     assert found["remedy"].startswith("tilt board by 30° or more about two other axes")
 
 

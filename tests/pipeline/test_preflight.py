@@ -76,10 +76,10 @@ def test_what_is_seen_is_counted_and_what_is_not_has_its_reason(looked_at):
         about["camera"]["sessions"]["sim"]["targets"][t] for t in ("board", "cylinder")
     )
     assert (board["placements"], board["expected"], board["possible"]) == (4, 4, 4)
-    assert (cylinder["possible"], cylinder["lost"]) == (0, {"outside the image": 4})
+    assert (cylinder["possible"], cylinder["not_visible"]) == (0, {"outside the image": 4})
     assert about["velodyne"]["placements"] == {"expected": 8, "possible": 8}
-    assert about["camera"]["tilt_deg"]["normals"] == pytest.approx(27, abs=2)
-    assert about["velodyne"]["tilt_deg"]["axes"] == pytest.approx(85, abs=2)
+    assert about["camera"]["direction_spread_deg"]["normals"] == pytest.approx(27, abs=2)
+    assert about["velodyne"]["direction_spread_deg"]["axes"] == pytest.approx(85, abs=2)
 
 
 def test_the_counts_are_those_that_crop_then_finds(looked_at):
@@ -95,7 +95,7 @@ def test_the_counts_are_those_that_crop_then_finds(looked_at):
         for target, told in seen.items():
             kept = views["placement"][views["kept"] & (views["target"] == target)]
             assert len(set(kept.tolist())) == told["possible"]
-            assert (moving["target"] == target).sum() == told["views_in_motion"]
+            assert (moving["target"] == target).sum() == told["moving_views"]
 
 
 def test_the_audit_of_the_log_stands_in_the_text(looked_at):
@@ -129,7 +129,7 @@ def test_without_an_offset_to_find_no_motion_is_asked_for(copied):
     crop = {"max_moving_views": 0}
     edit_yaml(simulated_config_path(copied), lambda c: c.update(solve=settings, crop=crop))
     _, found, *_ = preflight(copied)
-    assert {s["views_in_motion"] for s in found["sensors"].values()} == {0}
+    assert {s["moving_views"] for s in found["sensors"].values()} == {0}
     assert all(f["check"] != "time_offset_s" for f in found["findings"])
 
 
@@ -182,7 +182,7 @@ def test_messages_from_another_time_than_the_poses_fail(copied):
     assert code == 1
     told = {f["text"].split(";")[0] for f in found["findings"]}
     assert told == {
-        f"{n}: no message of {n} falls into a time at which the motion capture knows the robot"
+        f"{n}: no message of {n} has a time at which the motion capture knows the robot's pose"
         for n in ("camera", "velodyne")
     }
 
@@ -191,7 +191,7 @@ def test_one_placement_at_rest_supports_nothing(tmp_path):
     arguments = SMALL_ARGUMENTS.replace("--placements 4", "--placements 1")
     code, found, *_ = preflight(simulate_into(tmp_path, arguments))
     told = [(f["level"], f["text"]) for f in found["findings"]]
-    motion = "clock not observable: no relative motion in its view"
+    motion = "time offset not observable: no relative motion in its view"
     assert code == 1 and told == [
         ("fail", "camera: placements 1, fail below 3"),
         ("fail", "velodyne: placements 2, fail below 3"),
@@ -207,7 +207,7 @@ def test_turns_about_one_axis_only_ask_to_tilt_the_target(tmp_path):
     code, found, text, _ = preflight(folder)
     (finding,) = found["findings"]
     assert code == 0 and finding["check"] == "target_mount"
-    assert "nothing tells where board sits in its body by its place along y" in finding["text"]
-    most, second, least = found["targets"]["board"]["turns_deg"]
+    assert "T_body_target of board is undetermined in translation along y" in finding["text"]
+    most, second, least = found["targets"]["board"]["rotation_spread_deg"]
     assert most > 10 and second < 0.1 and least < 0.1
     assert "board   6      17°, 0°, 0°" in text

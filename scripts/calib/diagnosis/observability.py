@@ -11,7 +11,7 @@ PARALLEL_DEG = 10.0  # axes that differ by less have one direction in common
 AXIS_NAMES = "xyz"
 # Of a target's place in its MCS body, in the order of a twist.
 MOUNT_DIRECTION_NAMES = [
-    f"{what} {axis}" for what in ("its place along", "its turn about") for axis in AXIS_NAMES
+    f"{what} {axis}" for what in ("translation along", "rotation about") for axis in AXIS_NAMES
 ]
 SINGLE_AXIS_DEG = 5.0  # rms: what turns no farther about any other axis turns about one only
 GENERAL_ADVICE = (

@@ -1,75 +1,112 @@
-"""What stands in a verdict: one finding per limit that is not kept, in words and numbers."""
+"""Findings: one entry of a verdict for each limit that is exceeded, with what to do."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TypedDict
 
 VERDICT_LEVELS = ("pass", "warn", "fail")
-REMEDY_BY_CHECK = {
-    "rejected": "see what was left out and where (Residuals): a stand, a hand, a wrong size or "
-    "mount of a target, or wrong lens parameters",
-    "rejected edge": "measure outline_m, and see where the crossings lie (Residuals)",
-    "rejected corner": "measure square_m and T_body_target; if they are right, the lens parameters "
-    "or single views are wrong (Residuals, Extraction)",
-    "mocap_factor": "state mocap.pose_sigma and pose_bias_sigma as they are; if they are, look for "
-    "a wrong size or T_body_target of a target, wrong lens parameters, or a clock that is off",
-    "noise_factor": "see Residuals for what the noise stands for; state the "
-    "sensor's own noise if it is what it is",
-    "tail_share": "see the overlays of the worst views for what does not belong to the target",
-    "systematic": "see the residuals by ring or over the image: an error of single beams, of the "
-    "lens or of the printed pattern repeats itself",
-    "leave_one_out": "see the most influential placements (Cross-validation): one may not have been "
-    "still, or something that nobody estimates is wrong",
-    "placements": "hold targets still in more places that it sees, and see where the others were "
-    "lost, and why",
-    "guess_deviation_sigma": "check the first guess and its sigma; if both are sure, the result is not",
-    "convergence": "see the rounds in the Appendix, and mend what else is wrong first",
-}
+Limits = dict[str, float]  # the judge block of the config
 
 
-def worst_level(levels):
-    """The gravest of some levels; pass of none."""
+class Finding(TypedDict):
+    """One entry of `findings` in verdict.json.
+
+    check: name of the limit, without warn_ or fail_. sensors: names of those whose verdict depends
+    on it; sensor: the one, if it is only one. ratio: how many times value is beyond limit, at
+    least 1. value, limit and ratio are None if the check has no number; ratio also if limit is 0.
+    """
+
+    check: str
+    sensor: str | None
+    sensors: list[str]
+    level: str
+    value: float | None
+    limit: float | None
+    ratio: float | None
+    text: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class LimitCheck:
+    """A value with a limit `warn_<key>` and one `fail_<key>`.
+
+    text: description with {} for the value. display_factor: from the unit of the limit to `unit`.
+    is_upper_limit: whether large values are bad.
+    """
+
+    key: str
+    text: str
+    remedy: str = ""
+    unit: str = ""
+    display_factor: float = 1.0
+    is_upper_limit: bool = True
+
+    def format(self, value: float) -> str:
+        """Return a value as text, with its unit."""
+        return f"{value * self.display_factor:.3g}{self.unit}"
+
+
+def worst_level(levels: Iterable[str]) -> str:
+    """Return the most severe level, pass if there is none."""
     return max(levels, key=VERDICT_LEVELS.index, default="pass")
 
 
-def level_by_limits(value, limits, key, is_large_bad=True):
-    """What a value is by the limits warn_<key> and fail_<key>; one that is no number fails."""
-    for grave in ("fail", "warn"):
-        limit = limits[f"{grave}_{key}"]
-        if not (value <= limit if is_large_bad else value >= limit):
-            return grave
+def level_by_limits(value: float, limits: Limits, key: str, is_upper_limit: bool = True) -> str:
+    """Return pass, warn or fail by the limits warn_<key> and fail_<key>. NaN fails."""
+    for level in ("fail", "warn"):
+        limit = limits[f"{level}_{key}"]
+        if not (value <= limit if is_upper_limit else value >= limit):
+            return level
     return "pass"
 
 
-def make_finding(check, sensors, level, text, remedy, value=None, limit=None):
-    """One entry of the verdict; sensors: names of those whose level it concerns."""
-    return {
-        "check": check,
-        "sensor": sensors[0] if len(sensors) == 1 else None,
-        "sensors": sensors,
-        "level": level,
-        "value": value,
-        "limit": limit,
-        "text": text,
-        "remedy": remedy,
-    }
+def make_finding(
+    check: str, sensors: Sequence[str], level: str, *, text: str, remedy: str
+) -> Finding:
+    """Return a finding without a number."""
+    return Finding(
+        check=check,
+        sensor=sensors[0] if len(sensors) == 1 else None,
+        sensors=list(sensors),
+        level=level,
+        value=None,
+        limit=None,
+        ratio=None,
+        text=text,
+        remedy=remedy,
+    )
+
+
+def with_limit(
+    finding: Finding, value: float, limit: float, is_upper_limit: bool = True
+) -> Finding:
+    """Return the finding with its value and the limit that it exceeds."""
+    out = finding.copy()
+    out["value"], out["limit"] = value, limit
+    if limit:
+        out["ratio"] = value / limit if is_upper_limit else limit / max(value, 1e-9)
+    return out
 
 
 def check_limit(
-    name,
-    value,
-    limits,
-    check,
-    description,
-    display_factor=1.0,
-    unit="",
-    is_large_bad=True,
-    remedy=None,
-):
-    """[finding] of a value that is beyond its limits, else []."""
-    found = level_by_limits(value, limits, check, is_large_bad)
-    if found == "pass":
+    check: LimitCheck, value: float, limits: Limits, *, sensor: str = "", remedy: str = ""
+) -> list[Finding]:
+    """Return [finding] if the value exceeds its warn or fail limit, else [].
+
+    sensor: name, "" for a finding on the whole rig. remedy: replaces that of the check.
+    """
+    level = level_by_limits(value, limits, check.key, check.is_upper_limit)
+    if level == "pass":
         return []
-    limit = limits[f"{found}_{check}"]
-    side = "above" if is_large_bad else "below"
-    shown, most = (f"{v * display_factor:.3g}{unit}" for v in (value, limit))
-    text = f"{description} {shown}, {found} {side} {most}"
-    text = f"{name}: {text}" if name else text
-    remedy = REMEDY_BY_CHECK[check] if remedy is None else remedy
-    return [make_finding(check, [name] if name else [], found, text, remedy, value, limit)]
+    limit = limits[f"{level}_{check.key}"]
+    side = "above" if check.is_upper_limit else "below"
+    text = f"{check.text.format(check.format(value))}, {level} {side} {check.format(limit)}"
+    finding = make_finding(
+        check.key,
+        [sensor] if sensor else [],
+        level,
+        text=f"{sensor}: {text}" if sensor else text,
+        remedy=remedy or check.remedy,
+    )
+    return [with_limit(finding, value, limit, check.is_upper_limit)]

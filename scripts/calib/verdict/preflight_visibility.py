@@ -1,7 +1,8 @@
-"""What a sensor may see of the targets in a recording, as far as log and motion capture tell it."""
+"""What a sensor may see of the targets in a recording, before any payload is read."""
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -9,7 +10,11 @@ from calib.initial_guess.pose_guess import PoseGuess
 from calib.initial_guess.stated_pose import read_pose_guess
 from calib.io.parquet_tables import select_rows
 from calib.io.status import Status, failure_status
-from calib.mocap.body_trajectory import target_trajectories, trajectory_from_columns
+from calib.mocap.body_trajectory import (
+    Trajectory,
+    target_trajectories,
+    trajectory_from_columns,
+)
 from calib.sensors.sensor_models import with_log_metadata
 from calib.targets.target_shapes import target_from_config
 from calib.views.field_of_view import PosedSensor
@@ -18,6 +23,7 @@ from calib.views.moving_view_selection import select_moving_views
 from calib.views.placement_selection import visibility_status
 from calib.views.sensor_reader import make_cropper
 from calib.views.target_placements import (
+    Columns,
     PlacementTable,
     assign_frames_to_placements,
     compute_target_poses,
@@ -27,53 +33,67 @@ from calib.views.target_placements import (
     with_mocap_time,
 )
 
-NO_FRAME_REASON = "no message of the sensor while it is still"
+NO_FRAME_REASON = "no message of the sensor during the placement"
 
 
 @dataclass(frozen=True)
 class PreflightSession:
-    """One recording after decode and gate: its audit, columns of frames and of poses, and its
-    placements; has_remounted_markers: whether the robot's markers were re-attached before it."""
+    """One recording after decode and gate.
 
-    audit: dict
-    frames: dict
-    poses: dict
+    audit: log.json. frames, poses: columns of frames.parquet and mocap.parquet.
+    has_remounted_markers: the robot's markers were re-attached before it.
+    """
+
+    audit: dict[str, Any]
+    frames: Columns
+    poses: Columns
     placements: PlacementTable
     has_remounted_markers: bool
-    sensor_names: tuple
+    sensor_names: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class TargetVisibility:
-    """One target before one sensor: its shape, T_robot_target (n, 4, 4) of every placement, and the
-    reason (n,) against each, "" for those in view: from where the rig says that the sensor sits,
-    and from anywhere within the uncertainty of that. in_motion: views of it that tell the clock;
-    stated: whether it is known where both sit, without which all is taken to be in view."""
+    """What one sensor may see of one target.
 
-    shape: object
+    T_robot_target: (n, 4, 4) of every placement. expected_reasons, possible_reasons: (n,) why a
+    placement is not in view from the stated sensor pose, and from every pose within its
+    uncertainty; "" if it is. n_moving_views: views in motion that constrain the time offset.
+    has_known_pose: whether the poses of sensor and target are stated. If not, all is in view.
+    """
+
+    shape: Any
     T_robot_target: np.ndarray
-    expected_reasons: tuple
-    possible_reasons: tuple
+    expected_reasons: tuple[str, ...]
+    possible_reasons: tuple[str, ...]
     n_moving_views: int
     has_known_pose: bool
 
-    def count_lost_placements(self):
-        """{reason: placements} of those that are out of view for certain."""
-        return dict(Counter(why for why in self.possible_reasons if why).most_common())
+    def count_lost_placements(self) -> dict[str, int]:
+        """Return {reason: placements} of those that are certainly not in view."""
+        return dict(Counter(reason for reason in self.possible_reasons if reason).most_common())
 
 
 @dataclass(frozen=True)
 class SensorVisibility:
-    """One sensor in one session: kind, where its pose is stated ("none" if nowhere), the share of
-    its messages for which the robot's pose is known, what it may see of each target, and whether
-    views in motion can tell its clock."""
+    """One sensor in one session.
+
+    pose_source: where its pose is stated, "none" if nowhere. mocap_coverage: share of its messages
+    for which the robot's pose is known. has_measurement_time: whether moving views can constrain
+    its time offset.
+    """
 
     kind: str
     status: Status
     pose_source: str = "none"
     mocap_coverage: float = 0.0
-    visibility_by_target: dict = field(default_factory=dict)
+    visibility_by_target: dict[str, TargetVisibility] = field(default_factory=dict)
     has_measurement_time: bool = False
+
+    @property
+    def n_moving_views(self) -> int:
+        """Number of views of moving targets."""
+        return sum(t.n_moving_views for t in self.visibility_by_target.values())
 
 
 # A sensor whose pose is not stated: all targets may be in its view.
@@ -85,85 +105,140 @@ UNKNOWN_POSE = PosedSensor(
 )
 
 
-def assess_sensor_visibility(session, name, options):
-    """The Look of a sensor of a Session; options: of scripts/preflight.py."""
+def assess_sensor_visibility(
+    session: PreflightSession, name: str, options: dict[str, Any]
+) -> SensorVisibility:
+    """Return what a sensor may see in a session. options: of scripts/preflight.py."""
     block, audit = options["sensors"][name], session.audit["sensors"][name]
-    status = Status.from_dict(audit["status"])
-    source, found = (
-        read_pose_guess(name, block, options, session.audit) if status.ok else ("none", PoseGuess())
-    )
-    status = status if not status.ok else found.status
+    status, source, guess = Status.from_dict(audit["status"]), "none", PoseGuess()
+    if status.ok:
+        source, guess = read_pose_guess(name, block, options, session.audit)
+        status = guess.status
     if not status.ok:
         return SensorVisibility(block["kind"], status)
     frames = select_rows(session.frames, session.frames["sensor"] == name)
     frames = with_mocap_time(frames, block["time_offset_s"])
-    robot = trajectory_from_columns(session.poses, options["body"], options["max_gap_s"])
-    known = float(robot.poses_at(frames["mocap_time_ns"])[1].mean())
+    coverage = _mocap_coverage(session, frames, options)
     status = session.placements.still_target_status()
-    status = _no_mocap_status(name) if status.ok and not known else status
+    if status.ok and not coverage:
+        status = _no_mocap_status(name)
     if not status.ok:
-        return SensorVisibility(block["kind"], status, source, known)
-    sensor, eye = make_cropper(with_log_metadata(block, audit)), UNKNOWN_POSE
-    if session.has_remounted_markers or found.T_robot_sensor is None:
-        source = "none"
+        return SensorVisibility(block["kind"], status, source, coverage)
+    cropper = make_cropper(with_log_metadata(block, audit))
+    if session.has_remounted_markers or guess.T_robot_sensor is None:
+        source, posed = "none", UNKNOWN_POSE
     else:
-        margin = options["crop"]["margin_sigma"] * np.asarray(found.sigma)
-        eye = PosedSensor(sensor.model, sensor.check_visibility, found.T_robot_sensor, margin)
-    seen = _assess_targets(session, eye, frames, block, options, sensor.has_measurement_time)
-    reasons = [why for s in seen.values() for why in s.possible_reasons]
+        margin = options["crop"]["margin_sigma"] * np.asarray(guess.sigma)
+        posed = PosedSensor(cropper.model, cropper.check_visibility, guess.T_robot_sensor, margin)
+    has_times = cropper.has_measurement_time
+    targets = _assess_targets(
+        session, posed, frames, block=block, options=options, counts_moving_views=has_times
+    )
+    reasons = [reason for t in targets.values() for reason in t.possible_reasons]
     status = visibility_status(name, reasons)
-    return SensorVisibility(block["kind"], status, source, known, seen, sensor.has_measurement_time)
+    return SensorVisibility(block["kind"], status, source, coverage, targets, has_times)
 
 
-def _no_mocap_status(name):
+def _mocap_coverage(session: PreflightSession, frames: Columns, options: dict[str, Any]) -> float:
+    """Return the share of the frames for which the robot's pose is known."""
+    robot = trajectory_from_columns(session.poses, options["body"], options["max_gap_s"])
+    return float(robot.poses_at(frames["mocap_time_ns"])[1].mean())
+
+
+def _no_mocap_status(name: str) -> Status:
     return failure_status(
-        f"no message of {name} falls into a time at which the motion capture knows the robot",
+        f"no message of {name} has a time at which the motion capture knows the robot's pose",
         "0 %",
         "most of them",
-        "Record both at once into one log, and see whether the motion capture lost the robot.",
+        "Record motion capture and sensors at the same time into one log, and check whether the "
+        "motion capture lost the robot.",
     )
 
 
-def _assess_targets(session, assumed_pose, frames, block, options, has_measurement_time):
-    """{target: Seen} of one sensor in a session; block: of the sensor; has_measurement_time: whether its views of
-    what moves tell a time."""
-    blocks = {n: options["targets"][n] for n in sorted(session.placements.target_status)}
-    mounts = mounts_from_guess(blocks, {"mounts": {}})
+def _assess_targets(
+    session: PreflightSession,
+    posed: PosedSensor,
+    frames: Columns,
+    *,
+    block: dict[str, Any],
+    options: dict[str, Any],
+    counts_moving_views: bool,
+) -> dict[str, TargetVisibility]:
+    """Return what a sensor may see of each target. frames: of the sensor. block: its config."""
+    configs = {n: options["targets"][n] for n in sorted(session.placements.target_status)}
+    mounts = mounts_from_guess(configs, {"mounts": {}})
     placements = trim_placement_ends(session.placements.columns, block["time_offset_sigma_s"])
     T_robot_target = compute_target_poses(placements, mounts)
-    bodies = {n: b["body"] for n, b in blocks.items()}
-    paths = target_trajectories(session.poses, options["body"], bodies, options["max_gap_s"])
+    bodies = {n: config["body"] for n, config in configs.items()}
+    trajectories = target_trajectories(session.poses, options["body"], bodies, options["max_gap_s"])
     out = {}
-    for name, config in blocks.items():
-        # Where a target sits in its body may be unknown as well.
-        by, shape = assumed_pose if name in mounts else UNKNOWN_POSE, target_from_config(config)
+    for name, config in configs.items():
+        shape = target_from_config(config)
+        # The mount of a target may be unknown, too.
+        sensor = posed if name in mounts else UNKNOWN_POSE
         rows = find_still_rows(placements, name)
-        during = assign_frames_to_placements(frames, placements, name)
+        placement_by_frame = assign_frames_to_placements(frames, placements, name)
         expected, possible = (
-            _reasons_by_placement(rows, during, sensor, shape, T_robot_target, options["crop"])
-            for sensor in (replace(by, margin=np.zeros(6)), by)
-        )
-        moving = 0
-        if has_measurement_time and shape.uses_exact_surface:
-            moving = _count_moving_views(
-                by, shape, paths[name], frames, mounts.get(name), block, options
+            _reasons_by_placement(
+                s,
+                shape,
+                rows,
+                placement_by_frame,
+                T_robot_target=T_robot_target,
+                options=options["crop"],
             )
+            for s in (replace(sensor, margin=np.zeros(6)), sensor)
+        )
+        n_moving_views = 0
+        if counts_moving_views and shape.uses_exact_surface:
+            n_moving_views = _count_moving_views(
+                sensor,
+                shape,
+                trajectories[name],
+                mounts.get(name),
+                frames,
+                block=block,
+                options=options["crop"],
+            )
+        has_known_pose = sensor is not UNKNOWN_POSE
         out[name] = TargetVisibility(
-            shape, T_robot_target[rows], expected, possible, moving, by is not UNKNOWN_POSE
+            shape, T_robot_target[rows], expected, possible, n_moving_views, has_known_pose
         )
     return out
 
 
-def _reasons_by_placement(rows, placement_by_frame, sensor, shape, T_robot_target, options):
-    """The reason against each placement of the rows (n,), as a tuple; "" for those that crop would
-    read. placement_by_frame: placement of each frame, or -1."""
-    why = select_frames(sensor, shape, placement_by_frame, T_robot_target, options)
-    of = {k: set(why[placement_by_frame == k]) for k in rows}
-    return tuple(NO_FRAME_REASON if not of[k] else "" if "" in of[k] else min(of[k]) for k in rows)
+def _reasons_by_placement(
+    sensor: PosedSensor,
+    shape: Any,
+    rows: np.ndarray,
+    placement_by_frame: np.ndarray,
+    *,
+    T_robot_target: np.ndarray,
+    options: dict[str, Any],
+) -> tuple[str, ...]:
+    """Return why each placement of the rows (n,) is not in view; "" for those that crop would read.
+
+    placement_by_frame: placement of each frame, or -1. options: block crop.
+    """
+    reasons = select_frames(sensor, shape, placement_by_frame, T_robot_target, options)
+    by_row = {k: set(reasons[placement_by_frame == k]) for k in rows}
+    return tuple(
+        NO_FRAME_REASON if not by_row[k] else "" if "" in by_row[k] else min(by_row[k])
+        for k in rows
+    )
 
 
-def _count_moving_views(sensor, shape, trajectory, frames, T_body_target, block, options):
-    """How many views of a target in motion crop would read."""
+def _count_moving_views(
+    sensor: PosedSensor,
+    shape: Any,
+    trajectory: Trajectory,
+    T_body_target: np.ndarray | None,
+    frames: Columns,
+    *,
+    block: dict[str, Any],
+    options: dict[str, Any],
+) -> int:
+    """Return how many views of a moving target crop would read."""
     views = select_moving_views(
         sensor,
         shape,
@@ -171,6 +246,6 @@ def _count_moving_views(sensor, shape, trajectory, frames, T_body_target, block,
         np.eye(4) if T_body_target is None else T_body_target,
         frames["stamp_ns"],
         time_offset={"value": block["time_offset_s"], "sigma": block["time_offset_sigma_s"]},
-        options=options["crop"],
+        options=options,
     )
     return len(views)

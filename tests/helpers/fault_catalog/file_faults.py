@@ -65,7 +65,7 @@ FILE_FAULTS = {
         change_config=change_pattern_config(square_m=0.078),
     ),
     "targets_larger": FaultCase(
-        "targets are built 3 % larger than stated", "probably", simulate_arguments="--target-scale 1.03",
+        "targets are built 3 % larger than stated", "likely error", simulate_arguments="--target-scale 1.03",
         note="Outline, pattern and radius at once: the outline is named, the others are not",
     ),
     "board_backward": FaultCase(

@@ -136,7 +136,7 @@ def test_every_kind_of_measurement_is_shown(report_files, skip_figures, sensor, 
 def test_what_did_not_pass_comes_with_what_to_do(report_files, skip_figures):
     """Each remedy once, with the sensors that it is for."""
     one = {"check": "rejected", "level": "warn", "value": 0.3, "limit": 0.2, "text": "much"}
-    one |= {"remedy": "look at the overlays"}
+    one |= {"ratio": 1.5, "remedy": "look at the overlays"}
     report_files.findings = [one | {"sensor": n, "sensors": [n]} for n in ("left", "top")]
     page = report_files.render_report()
     said = extract_page_text(page)

@@ -35,6 +35,7 @@ FINDING = {
     "level": "fail",
     "value": None,
     "limit": None,
+    "ratio": None,
     "text": "left: no view <of> a target",
     "remedy": NO_VIEW.remedy,
 }

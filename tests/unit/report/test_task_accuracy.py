@@ -164,6 +164,7 @@ def test_without_a_common_placement_it_is_said_that_the_motion_capture_alone_lin
 
 def finding(check, level, value, limit, text="much"):
     told = {"check": check, "level": level, "value": value, "limit": limit, "text": text}
+    told["ratio"] = value and (limit / value if check == "placements" else value / limit)
     return told | {"sensor": "left", "sensors": ["left"], "remedy": f"mend {check}"}
 
 

@@ -93,7 +93,9 @@ def test_an_outline_100_mm_too_long_does_not_pass_and_is_named():
         make_synthetic_setup(0, MIXED, SyntheticWorld(targets=scale_outline(0.9, 1.0)))
     )
     assert levels == {"camera": "pass", "lidar": "warn"}
-    assert found[0]["text"].startswith("probably the outline of board is not where outline_m puts")
+    assert found[0]["text"].startswith(
+        "likely error: the outline of board is not where outline_m puts"
+    )
     said = re.findall(r"edge (\d) ([\d.]+) ± ([\d.]+) mm inside", found[0]["text"])
     assert {edge for edge, _, _ in said} == {"2", "4"}
     for _, off, sigma in said:
@@ -143,7 +145,7 @@ def test_a_large_sigma_with_a_bad_fit_does_not_ask_for_views(clean):
 
     _, found, _ = told(clean, spoil)
     assert [f["check"] for f in found] == ["noise_factor", "sigma_m"]
-    assert "mend what else is wrong first" in found[1]["remedy"]
+    assert "Correct the other findings first" in found[1]["remedy"]
 
 
 SPOILED = {
@@ -170,6 +172,8 @@ def test_every_limit_is_told_with_its_value_and_a_remedy(clean, check):
     assert only["remedy"]
     if value is not None:
         assert only["limit"] == LIMITS[f"{level}_{check}"]
+        above = value / only["limit"]
+        assert only["ratio"] == pytest.approx(1 / above if check == "placements" else above)
         assert f"{level} {'below' if check == 'placements' else 'above'}" in only["text"]
 
 
@@ -201,7 +205,7 @@ def test_a_suspicion_that_moves_nothing_is_not_told(clean):
         clean, lambda s: s["suspected_errors"].append(suspected | {"pose_shift": far})
     )
     assert level == "fail" and levels == {"camera": "fail", "lidar": "pass"}
-    assert found[0]["text"] == "probably so: mending it would move camera by 30 mm and 0°"
+    assert found[0]["text"] == "likely error: so; correcting it moves camera by 30 mm and 0°"
 
 
 @pytest.mark.parametrize(("ms", "chance", "warned"), [(25, 1e-9, 1), (3, 1e-9, 0), (25, 1e-3, 0)])
@@ -248,18 +252,18 @@ def test_a_board_estimated_6_mm_from_where_it_was_stated_to_2_mm_passes():
 
 
 def test_what_nothing_tells_of_a_mount_is_named_with_what_to_record():
-    (found,) = moved([0.0] * 6, held=["its place along y"])
+    (found,) = moved([0.0] * 6, held=["translation along y"])
     assert found["level"] == "warn"
-    assert "nothing tells where board sits in its body by its place along y" in found["text"]
-    assert found["remedy"].startswith("tilt board by 30° or more about two other axes")
+    assert "T_body_target of board is undetermined in translation along y" in found["text"]
+    assert found["remedy"].startswith("Tilt board by 30° or more about two other axes")
 
 
 @pytest.mark.parametrize(("mm", "level"), [(10, "warn"), (25, "fail")])
 def test_a_board_estimated_farther_off_is_named_with_its_shift_and_what_to_write(mm, level):
     (found,) = moved([0, mm / 1e3, 0, 0, 0, 0.003])
     assert found["level"] == level
-    assert f"board sits {mm} mm and 0.17° from where T_body_target says" in found["text"]
-    assert "write T_body_target of board" in found["remedy"]
+    assert f"T_body_target of board differs from the config by {mm} mm and 0.17°" in found["text"]
+    assert "Set T_body_target of board" in found["remedy"]
 
 
 @pytest.mark.parametrize(("offset", "level"), [(0.05, []), (0.2, ["warn"]), (-0.6, ["fail"])])
@@ -268,7 +272,7 @@ def test_a_clock_far_from_its_first_guess_is_told_with_what_to_write(clean, offs
     late["sensors"]["lidar"]["time_offset_s"] = {"value": offset, "sigma": 1e-4}
     found = [f for f in rig_findings(late, LIMITS)[1] if f["check"] == "time_offset_s"]
     assert [f["level"] for f in found] == level
-    assert all(f"write sensors.lidar.time_offset_s: {offset:.4f}" in f["remedy"] for f in found)
+    assert all(f"Set sensors.lidar.time_offset_s: {offset:.4f}" in f["remedy"] for f in found)
 
 
 @pytest.mark.parametrize(("mm", "level"), [(0.1, []), (3.0, ["warn"]), (30.0, ["fail"])])
@@ -281,7 +285,7 @@ def test_a_sensor_that_moved_between_sessions_is_called_by_name(clean, mm, level
     ]
     found = [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "sensor_moved"]
     assert [f["level"] for f in found] == level
-    assert all(f"camera sits {mm:.2g} mm and 0° elsewhere in session" in f["text"] for f in found)
+    assert all(f"differs by {mm:.2g} mm and 0° from the other" in f["text"] for f in found)
     assert all(f["sensors"] == ["camera"] for f in found)
 
 

@@ -49,7 +49,7 @@ def list_unknown_poses(preflight):
     for sensor, about in preflight["sensors"].items():
         for session, s in about["sessions"].items():
             for target, n in s["targets"].items():
-                if s["pose_from"] == "none":
+                if s["pose_source"] == "none":
                     sensors[f"the pose of {sensor} in {session} {UNKNOWN_POSE_TEXT}"] = None
                 elif n["expected"] is None:
                     targets[f"where {target} sits in its body {UNKNOWN_POSE_TEXT}"] = None
@@ -84,8 +84,8 @@ def format_placement_table(preflight):
     for sensor, about in preflight["sensors"].items():
         for session, s in about["sessions"].items():
             for target, n in s["targets"].items():
-                lost = ", ".join(f"{k} {why}" for why, k in n["lost"].items())
-                counts = [str(n["placements"]), _format_count_range(n), str(n["views_in_motion"])]
+                lost = ", ".join(f"{k} {why}" for why, k in n["not_visible"].items())
+                counts = [str(n["placements"]), _format_count_range(n), str(n["moving_views"])]
                 rows.append([sensor, session, target, *counts, lost])
             if not s["targets"]:
                 rows.append([sensor, session, *[DASH] * 4, s["status"]["reason"]])
@@ -96,10 +96,10 @@ def format_sensor_table(preflight):
     """A table of how much each sensor sees in all, and how it differs."""
     rows = [["sensor", "seen", "boards' normals differ by", "cylinders' axes", "views in motion"]]
     for name, about in preflight["sensors"].items():
-        wide = [about["tilt_deg"].get(k) for k in ("normals", "axes")]
+        wide = [about["direction_spread_deg"].get(k) for k in ("normals", "axes")]
         wide = [DASH if w is None else f"{w:.0f}°" for w in wide]
         rows.append(
-            [name, _format_count_range(about["placements"]), *wide, str(about["views_in_motion"])]
+            [name, _format_count_range(about["placements"]), *wide, str(about["moving_views"])]
         )
     return align_columns(rows)
 
@@ -108,7 +108,7 @@ def format_turn_table(preflight):
     """A table of how each target turns in front of the robot."""
     rows = [["target", "still", "turns about its three main axes, rms"]]
     for name, about in preflight["targets"].items():
-        turned = [f"{angle:.0f}°" for angle in about["turns_deg"] or ()]
+        turned = [f"{angle:.0f}°" for angle in about["rotation_spread_deg"] or ()]
         rows.append([name, str(about["placements"]), ", ".join(turned) or DASH])
     return align_columns(rows)
 

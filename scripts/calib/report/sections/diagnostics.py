@@ -28,13 +28,12 @@ def _rank_finding(run, finding):
         return _rank_suspected_error(run, finding)
     if check == "sensor_moved":
         return _rank_session_move(run, finding)
-    if value is None or not limit:
+    if finding["ratio"] is None:
         return 1.0, DASH
-    times = limit / max(value, 1e-9) if check in LOWER_LIMIT_CHECKS else value / limit
-    told = f"{format_number(times, 2)} × the limit"
+    told = f"{format_number(finding['ratio'], 2)} × the limit"
     if check in LOWER_LIMIT_CHECKS:
         told = f"{format_number(100 * value / limit, 2)} % of the limit"
-    return times, told
+    return finding["ratio"], told
 
 
 def _rank_suspected_error(run, finding):

@@ -1,0 +1,108 @@
+"""The checks with limits in the judge block of the config: their texts, units and remedies."""
+
+from dataclasses import replace
+
+from calib.geometry.units import MM_PER_M, MS_PER_S, SHARE_TO_PERCENT
+from calib.verdict.findings import LimitCheck
+
+# The cause of a finding comes before its effects.
+CHECKS_BY_IMPORTANCE = (
+    "status", "sensor_moved", "suspected_error", "outline_vs_surface", "target_mount",
+    "time_offset_s", "tilt_deg", "rejected", "mocap_factor", "noise_factor", "tail_share",
+    "systematic", "leave_one_out", "sigma_m", "sigma_deg", "placements", "guess_deviation_sigma",
+    "convergence",
+)  # fmt: skip
+# Measurements and model disagree: more views of the same kind do not help.
+MISFIT_CHECKS = {
+    "suspected_error",
+    "rejected",
+    "mocap_factor",
+    "noise_factor",
+    "tail_share",
+    "systematic",
+    "leave_one_out",
+    "outline_vs_surface",
+}
+CONVERGENCE_REMEDY = (
+    "Check the iterations in the report (Appendix), and correct the other findings first."
+)
+REJECTION_REMEDY = (
+    "Check where the rejected measurements lie in the report (Residuals). Typical causes are a "
+    "stand or a hand beside the target, a wrong size or mount of a target, or wrong intrinsics."
+)
+REJECTION_REMEDY_BY_KIND = {
+    "board_outline": "Measure outline_m, and check where the outline points lie in the report "
+    "(Residuals).",
+    "pattern_corner": "Measure square_m and T_body_target. If they are right, the intrinsics or "
+    "single views are wrong: check Residuals and Extraction in the report.",
+}
+
+REJECTED_SHARE = LimitCheck(
+    "rejected",
+    "{} of the measurements are rejected",
+    REJECTION_REMEDY,
+    unit=" %",
+    display_factor=SHARE_TO_PERCENT,
+)
+LEAVE_ONE_OUT = LimitCheck(
+    "leave_one_out",
+    "leave-one-out error is {} times its predicted σ",
+    "Check the most influential placements in the report (Cross-validation): a target may not "
+    "have been still, or an error is not estimated.",
+)
+TIME_OFFSET = LimitCheck(
+    "time_offset_s",
+    "time offset differs from its initial guess by {}",
+    unit=" ms",
+    display_factor=MS_PER_S,
+)
+GUESS_DEVIATION = LimitCheck(
+    "guess_deviation_sigma",
+    "pose differs from the initial guess by {} times its σ",
+    "Check the initial guess and its σ (T_robot_sensor and guess_sigma in the rig file). If both "
+    "are right, the result is wrong.",
+)
+PLACEMENTS = LimitCheck(
+    "placements",
+    "placements {}",
+    "Hold targets still in more places in view of the sensor. Check in the report where and why "
+    "the other placements were lost.",
+    is_upper_limit=False,
+)
+MOCAP_FACTOR = LimitCheck(
+    "mocap_factor",
+    "errors of the MCS poses are {} times the configured σ",
+    "Set mocap.pose_sigma and pose_bias_sigma to the true values. If they are already correct, "
+    "look for a wrong size or T_body_target of a target, wrong intrinsics, or a wrong time offset.",
+)
+POSITION_SIGMA = LimitCheck("sigma_m", "position σ {}", unit=" mm", display_factor=MM_PER_M)
+ROTATION_SIGMA = LimitCheck("sigma_deg", "rotation σ {}", unit="°")
+NOISE_FACTOR = LimitCheck(
+    "noise_factor",
+    "noise of the {kind} measurements is {{}} times the configured noise",
+    "Check the causes of the noise in the report (Residuals). If it is the noise of the sensor "
+    "itself, set the sensor's noise in the rig file to the true value.",
+)
+TAIL_SHARE = LimitCheck(
+    "tail_share",
+    "{{}} of the {kind} residuals exceed 3 σ",
+    "Check the overlays of the worst views in the report for measurements that do not belong to "
+    "the target.",
+    unit=" %",
+    display_factor=SHARE_TO_PERCENT,
+)
+SYSTEMATIC_RESIDUALS = LimitCheck(
+    "systematic",
+    "mean {kind} residuals over all placements are {{}} times their σ",
+    "Check the residuals by ring or over the image in the report: errors of single beams, of the "
+    "intrinsics or of the printed pattern repeat in all placements.",
+)
+BOARD_TILT = LimitCheck(
+    "tilt_deg", "normals of the boards differ by at most {}", unit="°", is_upper_limit=False
+)
+CYLINDER_TILT = replace(BOARD_TILT, text="axes of the cylinders differ by at most {}")
+
+
+def limit_check_of_kind(check: LimitCheck, kind: str) -> LimitCheck:
+    """Return a check with the kind of measurement in its text."""
+    return replace(check, text=check.text.format(kind=kind.replace("_", " ")))
