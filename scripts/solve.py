@@ -19,6 +19,7 @@ from calib.diagnosis.next_best_view import find_best_views
 from calib.diagnosis.residual_table import residual_columns
 from calib.diagnosis.session_repeatability import repeatability_json
 from calib.diagnosis.solution_json import solution_json
+from calib.estimation.corrections.correction_estimate import correction_estimates
 from calib.estimation.corrections.robot_markers import make_markers_corrections, robot_markers_json
 from calib.estimation.problem_assembly import (
     add_moving_views,
@@ -117,8 +118,9 @@ def main(argv=None):
             r,
         )
     logger.info("settled" if result.has_converged else "not settled")
-    for h in setup.corrections:
-        logger.info("estimated besides: %s of %s", h.name, h.subject)
+    for estimate in correction_estimates(setup, result):
+        text = estimate.correction.describe(estimate.values, estimate.sigma)
+        logger.info("correction: %s", text)
     for target in sorted(set(setup.initial_mounts) & set(setup.mount_sigma)):
         logger.info("estimated besides: T_body_target of %s", target)
 

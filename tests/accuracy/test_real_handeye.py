@@ -8,7 +8,7 @@ places alone 21 ms.
 import numpy as np
 import pytest
 
-from calib.estimation.corrections.clock_offset import make_time_offset_correction
+from calib.estimation.corrections.clock_offset import TimeOffsetCorrection
 from calib.estimation.estimation_problem import MeasurementGroup, Setup
 from calib.estimation.moving_view_poses import make_moving_placement
 from calib.estimation.solver import estimate_poses
@@ -79,7 +79,7 @@ def setup():
         )
     made = Setup(
         {"camera": CAMERA}, {"board": BOARD}, places, groups, ASSOCIATE_SETTINGS, {},
-        initial_mounts={"board": mount.T_body_target}, corrections=(make_time_offset_correction("camera", 0.1),),
+        initial_mounts={"board": mount.T_body_target}, corrections=(TimeOffsetCorrection("camera", np.array([0.1])),),
     )  # fmt: skip
     return made, {"camera": T_world_camera}
 

@@ -4,8 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.estimation.corrections.correction import GroupLinearization
-from calib.estimation.corrections.sensor_errors import make_range_corrections
+from calib.estimation.corrections.group_linearization import GroupLinearization
+from calib.estimation.corrections.lidar_range_errors import (
+    BEAM_RANGES,
+    RangeBiasCorrection,
+    make_range_corrections,
+)
 from calib.estimation.nlp.information_matrix import invert_information
 from calib.estimation.nlp.measurement_factor import joint_information
 from calib.estimation.pose_chain import (
@@ -52,9 +56,9 @@ def unestimated_range_errors(setup, state):
     """
     out = []
     for h in make_range_corrections(setup):
-        at = setup.correction_slice("beam_offsets", h.subject)
+        at = setup.correction_slice(BEAM_RANGES, h.subject)
         if (
-            h.name == "range_bias"
+            isinstance(h, RangeBiasCorrection)
             and at is not None
             and setup.correction_slice(h.name, h.subject) is None
         ):

@@ -2,11 +2,10 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from calib.diagnosis.consider_covariance import with_consider_covariance
 from calib.diagnosis.leave_one_out import leave_one_out_rms
 from calib.diagnosis.suspected_errors import find_suspected_errors
+from calib.estimation.corrections.base import ModelCorrection
 from calib.estimation.corrections.camera_intrinsics import (
     INTRINSICS,
     find_unobservable_intrinsics,
@@ -22,6 +21,8 @@ from calib.estimation.corrections.correction_catalog import (
     list_corrections_and_shifts,
     list_testable_corrections,
 )
+from calib.estimation.corrections.correction_estimate import correction_estimates
+from calib.estimation.corrections.lidar_range_errors import BEAM_RANGES, RANGE_BIAS
 from calib.estimation.corrections.score_test import gain_p_value, likelihood_gain
 from calib.estimation.solver import continue_estimate, estimate_poses
 
@@ -149,26 +150,24 @@ def _with_accepted_corrections(setup, suspected, names):
 def _acceptance_p_value(setup, suspected):
     """Chance below which something is taken in: of lidars whose beams err one by one, that all of
     them do is likely beforehand."""
-    beams = setup.correction_slice("beam_offsets", suspected["subject"]) is not None
-    return P_ACCEPT_LIKELY if suspected["name"] == "range_bias" and beams else P_ACCEPT
+    beams = setup.correction_slice(BEAM_RANGES, suspected["subject"]) is not None
+    return P_ACCEPT_LIKELY if suspected["name"] == RANGE_BIAS and beams else P_ACCEPT
 
 
 def sensor_corrections_json(setup, result, sensor):
     """[{name, text, remedy, estimate, sigma, prior}] of what was estimated of a sensor beside its
     pose: numbers θ in m, rad, their σ and that of their priors."""
-    spread = np.sqrt(np.diag(result.solve_result.covariance)[setup.n_chain_unknowns :])
-    ends = np.cumsum([h.n_values for h in setup.corrections])[:-1]
-    parts = (
-        np.split(v, ends) for v in (result.state.correction_values, spread * setup.correction_sigma)
-    )
-    out = []
-    for h, theta, sigma in zip(setup.corrections, *parts, strict=False):
-        told = {"name": h.name, "description": h.describe(theta, sigma), "remedy": h.remedy}
-        numbers = {"estimate": theta, "sigma": sigma, "prior_sigma": h.prior_sigma}
-        if (
-            h.subject == sensor
-            and not (h.is_moving_only or h.is_per_session)
-            and h.name != INTRINSICS
-        ):
-            out.append(told | {k: v.tolist() for k, v in numbers.items()})
-    return out
+    return [
+        {
+            "name": e.correction.name,
+            "description": e.correction.describe(e.values, e.sigma),
+            "remedy": e.correction.remedy,
+            "estimate": e.values.tolist(),
+            "sigma": e.sigma.tolist(),
+            "prior_sigma": e.correction.prior_sigma.tolist(),
+        }
+        for e in correction_estimates(setup, result)
+        if isinstance(e.correction, ModelCorrection)
+        and e.correction.subject == sensor
+        and e.correction.name != INTRINSICS
+    ]

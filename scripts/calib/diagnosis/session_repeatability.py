@@ -6,6 +6,7 @@ import numpy as np
 from scipy import stats
 
 from calib.diagnosis.observability import UNDETERMINED_SIGMA
+from calib.estimation.corrections.base import ModelCorrection
 from calib.estimation.estimate_state import get_correction_values
 from calib.estimation.pose_chain import ROBOT_MARKERS
 from calib.estimation.solver import estimate_poses
@@ -33,9 +34,7 @@ def session_setup(setup, result, session):
         replace(g, placement=index[g.placement]) for g in setup.groups if g.placement in index
     ]
     seen = {g.sensor for g in groups}
-    kept = [
-        h for h in setup.corrections if not (h.is_moving_only or h.is_per_session) and h.of in seen
-    ]
+    kept = [h for h in setup.corrections if isinstance(h, ModelCorrection) and h.subject in seen]
     return replace(
         setup,
         models={n: m for n, m in setup.models.items() if n in seen},

@@ -9,7 +9,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from calib.diagnosis.observability import LEVER_ARM_M
-from calib.estimation.corrections.correction import GroupLinearization
+from calib.estimation.corrections.group_linearization import GroupLinearization
 from calib.estimation.corrections.score_test import (
     NoiseTerm,
     ScoreBlock,

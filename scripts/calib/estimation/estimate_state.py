@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from calib.estimation.corrections.base import ClockCorrection
 from calib.estimation.noise_model import initial_noise, noise_key
 from calib.geometry.se3 import se3_exp
 
@@ -33,12 +34,8 @@ def initial_state(setup, T_robot_sensor, noise_factor):
     """The State from poses by sensor: no MCS error, `factor` times the configured noise."""
     keys = sorted({noise_key(g) for g in setup.groups})
     scales = {key: initial_noise(key[1], noise_factor) for key in keys}
-    y, begun = np.zeros_like(setup.mocap_sigma), [h.initial_values for h in setup.corrections]
-    theta = [
-        np.zeros(h.n_values) if v is None else v
-        for h, v in zip(setup.corrections, begun, strict=True)
-    ]
-    theta = np.concatenate([np.zeros(0), *theta])
+    y = np.zeros_like(setup.mocap_sigma)
+    theta = np.concatenate([np.zeros(0), *(h.initial_values for h in setup.corrections)])
     wander = np.zeros((len(setup.placements) - setup.n_still, 6))
     fits = fit_local_motions(setup, theta)
     return State(
@@ -81,13 +78,12 @@ def fit_local_motions(setup, theta):
 
 def clock_delays(setup, theta, placement):
     """(offset of the sensor's clock, lag of the target's poses), s, in a view in motion."""
-    delays = [
-        (h, at)
+    offset = sum(
+        h.delay_s(theta[at], placement)
         for h, at in setup.correction_slices
-        if h.clock_delay and h.subject == placement.moving_view.sensor
-    ]
+        if isinstance(h, ClockCorrection) and h.subject == placement.moving_view.sensor
+    )
     lag = setup.correction_slice(STREAM_LAG, placement.target)
-    offset = sum(h.clock_delay(theta[at], placement) for h, at in delays)
     return float(offset), 0.0 if lag is None else float(theta[lag][0])
 
 

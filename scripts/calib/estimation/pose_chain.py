@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calib.estimation.corrections.base import ModelCorrection
 from calib.estimation.estimate_state import get_correction_values, get_local_motion
 from calib.estimation.nlp.joint_nlp import LinearizationPoses
 from calib.geometry.se3 import adjoint, invert_pose, se3_exp, se3_log
@@ -18,7 +19,7 @@ def model_with_corrections(setup, state, group):
     """The model of a group's sensor with the corrections that touch the group."""
     out = setup.models[group.sensor]
     for h, at in setup.correction_slices:
-        if h.affects(setup, group):
+        if isinstance(h, ModelCorrection) and h.affects(setup, group):
             out = h.apply_to_model(out, state.correction_values[at], group.placement)
     return out
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.estimation.corrections.clock_offset import make_time_offset_correction
+from calib.estimation.corrections.clock_offset import TimeOffsetCorrection
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.measurement_groups import group_keypoints, make_still_placements
 from calib.estimation.moving_view_poses import build_moving_groups
@@ -88,7 +88,8 @@ def add_moving_views(setup, moving_by_session, sessions, options):
                 places, groups = places + found[0], groups + found[1]
     timed = sorted({g.sensor for g in groups if g.is_moving})
     clock = [
-        make_time_offset_correction(n, best_time_offset_guess(n, sessions)["sigma"]) for n in timed
+        TimeOffsetCorrection(n, np.array([best_time_offset_guess(n, sessions)["sigma"]]))
+        for n in timed
     ]
     corrections = (*setup.corrections, *clock)
     return replace(setup, placements=places, groups=groups, corrections=corrections)

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from calib.estimation.corrections.camera_intrinsics import INTRINSICS
-from calib.estimation.corrections.correction import GroupLinearization
+from calib.estimation.corrections.group_linearization import GroupLinearization
 from calib.estimation.estimate_state import State, apply_step, initial_state, warm_start
 from calib.estimation.nlp.information_matrix import covariance_from_information, invert_information
 from calib.estimation.nlp.joint_nlp import FactorLayout, JointNlp

@@ -275,6 +275,6 @@ MOCAP_FAULTS = {
     ),
     "target_knocked": FaultCase(
         "markers of the cylinder are knocked by 22 mm half-way",
-        "cylinder sits elsewhere in its MCS body from its placement 5", knock_cylinder_markers,
+        "cylinder is shifted in its MCS body from its placement 5", knock_cylinder_markers,
     ),
 }  # fmt: skip

@@ -7,11 +7,11 @@ import pytest
 
 from calib.diagnosis.suspected_errors import find_suspected_errors
 from calib.estimation.corrections.camera_intrinsics import make_intrinsics_correction
-from calib.estimation.corrections.correction import GroupLinearization
 from calib.estimation.corrections.correction_catalog import (
     list_corrections_and_shifts,
     list_testable_corrections,
 )
+from calib.estimation.corrections.group_linearization import GroupLinearization
 from calib.estimation.corrections.target_errors import _move_edges
 from calib.estimation.nlp.measurement_factor import joint_information
 from calib.geometry.se3 import invert_pose, make_pose, se3_exp
@@ -101,7 +101,7 @@ def test_single_beams_that_read_14_mm_long_or_short_are_told_from_a_bias_of_all(
 def test_the_words_tell_the_number_its_sigma_and_what_to_write():
     first = found(SyntheticWorld(targets=scale_pattern(1.02)))[0]
     assert first["description"].startswith("the squares of board are ")
-    assert "% larger than the config says: square_m 0.0815" in first["description"]
+    assert "% larger than configured: square_m 0.0815" in first["description"]
     assert first["estimate"][0] == pytest.approx(0.02, rel=0.1)
     assert "calliper" in first["remedy"]
     assert first["pose_shift"]["camera"]["m"] > 0.02

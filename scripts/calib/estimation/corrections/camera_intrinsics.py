@@ -1,40 +1,58 @@
-"""A camera's parameters as numbers of the estimate, with priors."""
+"""Estimate the parameters of a camera, with priors, where its views constrain them."""
 
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib.estimation.corrections.correction import Correction, make_finite_difference
-from calib.sensors.camera.camera_model import CAMERA_MODELS
-
-INTRINSICS = "intrinsics"
-PRIOR_SIGMA_PER_IMAGE_SIZE = {
-    "fx": 0.05,
-    "fy": 0.05,
-    "cx": 0.05,
-    "cy": 0.05,
-}  # σ of priors, of the larger image side
-PRIOR_SIGMA_BY_PARAMETER = {
-    "xi": 0.2,
-    "alpha": 0.1,
-    "p1": 0.01,
-    "p2": 0.01,
-}  # of other parameters; LENS for the rest
-DEFAULT_PRIOR_SIGMA = 0.3
-STEP_IN_PRIOR_SIGMA = 1e-4  # of a prior's σ, of the finite differences
-MAX_INTRINSICS_SIGMA_RATIO = (
-    0.5  # of the prior's σ: where focal length or centre are told no better, none is estimated
+from calib.estimation.corrections.base import ModelCorrection
+from calib.estimation.corrections.correction_estimate import (
+    correction_estimates,
+    find_correction_estimate,
 )
+from calib.estimation.corrections.group_linearization import GroupLinearization
+from calib.estimation.estimation_problem import Setup
+from calib.sensors.camera.camera_model import CAMERA_MODELS, CameraModel
+
+if TYPE_CHECKING:  # the solver imports corrections
+    from calib.estimation.solver import EstimationResult
+
+INTRINSICS = "intrinsics"  # name of the correction
+PRIOR_SIGMA_PER_IMAGE_SIZE = {"fx": 0.05, "fy": 0.05, "cx": 0.05, "cy": 0.05}  # of the larger side
+PRIOR_SIGMA_BY_PARAMETER = {"xi": 0.2, "alpha": 0.1, "p1": 0.01, "p2": 0.01}
+DEFAULT_PRIOR_SIGMA = 0.3
+STEP_IN_PRIOR_SIGMA = 1e-4  # finite difference
+MAX_INTRINSICS_SIGMA_RATIO = 0.5  # σ of fx, fy, cx, cy over the prior's: refused above this
 
 
-def intrinsics_parameter_names(camera, count):
-    """The parameters that are estimated: those that the config states."""
-    return CAMERA_MODELS[camera.model].PARAMETER_NAMES[:count]
+@dataclass(frozen=True)
+class IntrinsicsCorrection(ModelCorrection[CameraModel]):
+    """Differences (q,) of the first q parameters of a camera from the configured ones."""
+
+    name = INTRINSICS
+
+    def derivative(self, linearization: GroupLinearization) -> np.ndarray:
+        steps = STEP_IN_PRIOR_SIGMA * self.prior_sigma
+        return linearization.derivative_by_model(shift_camera_parameters, steps)
+
+    def describe(self, values: np.ndarray, sigma: np.ndarray) -> str:
+        return (
+            f"the parameters of {self.subject} differ from the configured ones by up to "
+            f"{np.abs(values).max():.3g}"
+        )
+
+    @property
+    def remedy(self) -> str:
+        return f"nothing: the parameters of {self.subject} are estimated"
+
+    def apply_to_model(self, model: CameraModel, values: np.ndarray, placement: int) -> CameraModel:
+        return shift_camera_parameters(model, values)
 
 
-def make_intrinsics_correction(sensor, camera, count):
-    """The Hypothesis that the first `count` parameters of a Camera are off."""
+def make_intrinsics_correction(
+    sensor: str, camera: CameraModel, count: int
+) -> IntrinsicsCorrection:
+    """Return the correction of the first `count` parameters of a camera."""
     size = max(camera.size_px)
     sigma = [
         PRIOR_SIGMA_PER_IMAGE_SIZE[n] * size
@@ -42,56 +60,49 @@ def make_intrinsics_correction(sensor, camera, count):
         else PRIOR_SIGMA_BY_PARAMETER.get(n, DEFAULT_PRIOR_SIGMA)
         for n in intrinsics_parameter_names(camera, count)
     ]
-    slope = make_finite_difference(
-        lambda view, theta: {"model": shift_camera_parameters(view.model, theta)},
-        STEP_IN_PRIOR_SIGMA * np.array(sigma),
-    )
-    remedy = f"nothing: the parameters of {sensor} are estimated"
-    return Correction(
-        INTRINSICS, sensor, True, (), count, slope, partial(_describe_intrinsics, sensor), remedy, np.array(sigma),
-        lambda model, theta, placement: shift_camera_parameters(model, theta),
-    )  # fmt: skip
+    return IntrinsicsCorrection(sensor, np.array(sigma))
 
 
-def shift_camera_parameters(camera, theta):
-    """The Camera with its first parameters changed by theta (q,)."""
+def intrinsics_parameter_names(camera: CameraModel, count: int) -> tuple[str, ...]:
+    """Return the names of the first `count` parameters: those that the config states."""
+    return CAMERA_MODELS[camera.model].PARAMETER_NAMES[:count]
+
+
+def shift_camera_parameters(camera: CameraModel, values: np.ndarray) -> CameraModel:
+    """Return the camera with its first parameters changed by values (q,)."""
     params = np.array(camera.params)
-    params[: len(theta)] += theta
+    params[: len(values)] += values
     return replace(camera, params=tuple(params.tolist()))
 
 
-def _describe_intrinsics(sensor, theta, sigma):
-    return (
-        f"the parameters of {sensor} differ from the stated ones by up to {np.abs(theta).max():.3g}"
-    )
-
-
-def get_intrinsics_estimate(setup, result, sensor):
-    """(params (q,), σ (q,), share (q,) of the priors' σ that is left) of a camera, or None."""
-    at = setup.correction_slice(INTRINSICS, sensor)
-    if at is None:
+def get_intrinsics_estimate(
+    setup: Setup, result: "EstimationResult", sensor: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Return the parameters (q,) of a camera, their σ, and the σ over the prior's, or None."""
+    estimate = find_correction_estimate(setup, result, INTRINSICS, sensor)
+    if estimate is None:
         return None
-    theta = result.state.correction_values[at]
-    share = np.sqrt(np.diag(result.solve_result.covariance)[setup.n_chain_unknowns :][at])
-    params = np.array(setup.models[sensor].params)[: len(theta)] + theta
-    return params, share * setup.correction_sigma[at], share
+    params = np.array(setup.models[sensor].params)[: len(estimate.values)] + estimate.values
+    return params, estimate.sigma, estimate.sigma_ratio
 
 
-def find_unobservable_intrinsics(setup, result):
-    """{sensor: why} of the cameras whose views do not tell their parameters."""
-    out = {}
-    for h in (h for h in setup.corrections if h.name == INTRINSICS):
-        camera = setup.models[h.subject]
-        share = get_intrinsics_estimate(setup, result, h.subject)[2]
+def find_unobservable_intrinsics(setup: Setup, result: "EstimationResult") -> dict[str, str]:
+    """Return {sensor: reason} of the cameras whose views do not constrain their parameters."""
+    reasons = {}
+    for estimate in correction_estimates(setup, result):
+        if estimate.correction.name != INTRINSICS:
+            continue
+        sensor = estimate.correction.subject
+        names = intrinsics_parameter_names(setup.models[sensor], len(estimate.values))
         loose = [
             n
-            for n, s in zip(intrinsics_parameter_names(camera, h.n_values), share, strict=True)
-            if n in PRIOR_SIGMA_PER_IMAGE_SIZE and s > MAX_INTRINSICS_SIGMA_RATIO
+            for n, ratio in zip(names, estimate.sigma_ratio, strict=True)
+            if n in PRIOR_SIGMA_PER_IMAGE_SIZE and ratio > MAX_INTRINSICS_SIGMA_RATIO
         ]
         if loose:
-            views = sum(g.sensor == h.subject for g in setup.groups)
-            out[h.subject] = (
-                f"not estimated: {views} groups of views tell {', '.join(loose)} no better than "
-                "stated; show the pattern near, tilted to all sides and in all parts of the image"
+            n_groups = sum(g.sensor == sensor for g in setup.groups)
+            reasons[sensor] = (
+                f"not estimated: {n_groups} groups of views do not constrain {', '.join(loose)}; "
+                "record the pattern near, tilted to all sides and in all parts of the image"
             )
-    return out
+    return reasons

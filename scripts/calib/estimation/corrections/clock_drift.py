@@ -1,128 +1,180 @@
-"""How the offset of a sensor's clock changes: within a session, and from one to the next."""
+"""How the time offset of a sensor changes: within a session, and from one session to the next."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy import stats
 
+from calib.estimation.corrections.base import ClockCorrection
 from calib.estimation.corrections.clock_offset import TIME_OFFSET, time_offset_derivative
-from calib.estimation.corrections.correction import Correction
-from calib.geometry.units import NS_PER_S
+from calib.estimation.corrections.group_linearization import GroupLinearization
+from calib.estimation.estimation_problem import Placement, Setup
+from calib.geometry.units import MS_PER_S, NS_PER_S
+
+if TYPE_CHECKING:  # the solver imports corrections
+    from calib.estimation.solver import EstimationResult
 
 CLOCK_DRIFT = "clock_drift"  # name of the correction
-SESSION_OFFSET_PRIOR_S, DRIFT_PRIOR_S_PER_S = (
-    0.05,
-    1e-3,
-)  # σ of the priors: from the first session, s, and within one, s per s
-P_ACCEPT_DRIFT = 1e-5  # chance of such a wander where there is none, below which it is estimated
+SESSION_OFFSET_PRIOR_S = 0.05  # σ of the prior of the change since the first session
+DRIFT_PRIOR_S_PER_S = 1e-3  # σ of the prior of the drift within a session
+P_ACCEPT_DRIFT = 1e-5  # a drift is estimated if its p-value is below
+PPM = 1e6
 
 
-def make_clock_drift_correction(sensor, mid_times):
-    """The Hypothesis of the drift of a sensor's offset in every session, s per s, and of how much
-    larger it is in the middle of those after the first, s; mid_times: [(session, ns)] in order."""
-    sigma = np.repeat(
-        [DRIFT_PRIOR_S_PER_S, SESSION_OFFSET_PRIOR_S], [len(mid_times), len(mid_times) - 1]
-    )
-    return Correction(
-        CLOCK_DRIFT, sensor, True, (), len(sigma), lambda view: _drift_derivative(view, mid_times),
-        lambda theta, sigma: "", "", sigma, lambda model, theta, placement: model,
-        is_moving_only=True, clock_delay=lambda theta, place: _drift_weights(place, mid_times) @ theta,
-    )  # fmt: skip
+class SessionMidTime(NamedTuple):
+    """The middle, ns, of the time in which a sensor has moving views in a session."""
+
+    session: str
+    stamp_ns: int
 
 
-def _drift_weights(place, middles):
-    """(2 s - 1,): of the numbers of s sessions, in the offset at a view in motion."""
-    own = np.array([session == place.session for session, _ in middles], float)
-    since = np.array([(place.moving_view.stamp_ns - middle) / NS_PER_S for _, middle in middles])
+class OffsetResiduals(NamedTuple):
+    """The n moving views of a sensor, the remaining time offset (n,) in each, and its σ (n,)."""
+
+    placements: list[Placement]
+    offset_s: np.ndarray
+    sigma_s: np.ndarray
+
+
+@dataclass(frozen=True)
+class ClockDriftCorrection(ClockCorrection):
+    """Drifts (s,) of a time offset in s sessions, s per s, and how much larger the offset is in the
+    middle of the sessions after the first (s - 1,), s. mid_times: of the sessions, in order."""
+
+    name = CLOCK_DRIFT
+    mid_times: tuple[SessionMidTime, ...] = field(repr=False)
+
+    def derivative(self, linearization: GroupLinearization) -> np.ndarray:
+        place = linearization.setup.placements[linearization.group.placement]
+        weights = _drift_weights(place, self.mid_times)
+        return weights[:, None, None] * time_offset_derivative(linearization)
+
+    def describe(self, values: np.ndarray, sigma: np.ndarray) -> str:
+        n = len(self.mid_times)
+        offsets = np.append(values[n:], 0.0)
+        return (
+            f"the clock of {self.subject} drifts by up to {PPM * np.abs(values[:n]).max():.3g} ppm "
+            f"and changes by up to {MS_PER_S * np.ptp(offsets):.3g} ms between sessions"
+        )
+
+    def delay_s(self, values: np.ndarray, placement: Placement) -> float:
+        return _drift_weights(placement, self.mid_times) @ values
+
+
+def make_clock_drift_correction(
+    sensor: str, mid_times: tuple[SessionMidTime, ...]
+) -> ClockDriftCorrection:
+    """Return the correction of the drift of a sensor's clock in sessions with these mid times."""
+    n = len(mid_times)
+    sigma = np.repeat([DRIFT_PRIOR_S_PER_S, SESSION_OFFSET_PRIOR_S], [n, n - 1])
+    return ClockDriftCorrection(sensor, sigma, mid_times)
+
+
+def _drift_weights(place: Placement, mid_times: tuple[SessionMidTime, ...]) -> np.ndarray:
+    """Return the factors (2 s - 1,) of the values in the time offset of one moving view."""
+    own = np.array([session == place.session for session, _ in mid_times], float)
+    stamp_ns = place.moving_view.stamp_ns
+    since = np.array([(stamp_ns - middle) / NS_PER_S for _, middle in mid_times])
     return np.concatenate([own * since, own[1:]])
 
 
-def _drift_derivative(view, middles):
-    place = view.setup.placements[view.group.placement]
-    return _drift_weights(place, middles)[:, None, None] * time_offset_derivative(view)
+def offset_residuals(setup: Setup, result: "EstimationResult", sensor: str) -> OffsetResiduals:
+    """Estimate, from every moving view alone, the time offset beyond the estimated one.
 
-
-def offset_residuals(setup, result, sensor):
-    """Of a sensor's views in motion: their Placements, by how much its clock is then behind that of
-    the MCS beyond what was estimated (n,), s, and the σ of that (n,), all poses held."""
-    span = setup.correction_slice(TIME_OFFSET, sensor)
-    (number,), (scale,) = (
-        np.arange(setup.n_unknowns)[setup.n_chain_unknowns :][span],
-        setup.correction_sigma[span],
-    )
-    places, seconds, sigma = [], [], []
-    for g, part in zip(setup.groups, result.solve_result.factors, strict=True):
-        if g.is_moving and g.sensor == sensor:
-            i = int(np.flatnonzero(part.columns[-len(part.J_theta) :] == number)[0])
-            K, s = part.theta_system
-            if K[i, i] > 0:
-                places.append(setup.placements[g.placement])
-                seconds.append(-scale * s[i] / K[i, i])
-                sigma.append(scale / np.sqrt(K[i, i]))
-    return places, np.array(seconds), np.array(sigma)
-
-
-def add_clock_drifts(setup, result):
-    """The Setup in which clocks that wander beyond doubt may do so; the same one without any."""
-    more = []
-    for h in setup.corrections:
-        if h.name == TIME_OFFSET and setup.correction_slice(CLOCK_DRIFT, h.subject) is None:
-            places, seconds, sigma = offset_residuals(setup, result, h.subject)
-            if places and _drift_p_value(places, seconds, sigma) < P_ACCEPT_DRIFT:
-                more.append(make_clock_drift_correction(h.subject, _session_mid_times(places)))
-    return replace(setup, corrections=(*setup.corrections, *more)) if more else setup
-
-
-def _session_mid_times(places):
-    """[(session, middle of its views in time, ns)]."""
-    t = {
-        p.session: [q.moving_view.stamp_ns for q in places if q.session == p.session]
-        for p in places
-    }
-    return [(s, (min(v) + max(v)) // 2) for s, v in sorted(t.items())]
-
-
-def _drift_p_value(places, seconds, sigma):
-    """Of as much as drifts and offsets of the sessions explain, where nothing wanders.
-
-    Views that scatter by more than their σ, as where the noise of the MCS is not white, tell less.
+    All poses are fixed. Views that do not constrain the offset are left out.
     """
-    middles = _session_mid_times(places)
-    A = np.stack([[1.0, *_drift_weights(p, middles)] for p in places]) / sigma[:, None]
-    ratio = seconds / sigma
-    left = ratio - A @ np.linalg.lstsq(A, ratio, rcond=1e-9)[0]
-    common = ratio - A[:, :1] @ np.linalg.lstsq(A[:, :1], ratio, rcond=1e-9)[0]
-    count = A.shape[1] - 1
-    scatter = max(1.0, np.sum(left**2) / max(1, len(ratio) - count - 1))
-    return stats.chi2.sf((np.sum(common**2) - np.sum(left**2)) / scatter, count)
+    span = setup.correction_slice(TIME_OFFSET, sensor)
+    (column,) = np.arange(setup.n_unknowns)[setup.n_chain_unknowns :][span]
+    (scale,) = setup.correction_sigma[span]
+    places, seconds, sigma = [], [], []
+    for g, factor in zip(setup.groups, result.solve_result.factors, strict=True):
+        if g.is_moving and g.sensor == sensor:
+            own = factor.columns[-len(factor.J_theta) :]
+            i = int(np.flatnonzero(own == column)[0])
+            information, gradient = factor.theta_system
+            if information[i, i] > 0:
+                places.append(setup.placements[g.placement])
+                seconds.append(-scale * gradient[i] / information[i, i])
+                sigma.append(scale / np.sqrt(information[i, i]))
+    return OffsetResiduals(places, np.array(seconds), np.array(sigma))
 
 
-def clock_drift_json(sensor, setup, result, guess):
-    """{session: {time_offset_s, drift_ppm, each {value, sigma}}} of a sensor whose clock wanders,
-    its offset in the middle of the session; None of another."""
-    at = setup.correction_slice(CLOCK_DRIFT, sensor)
-    if at is None or result.solve_result is None:
+def add_clock_drifts(setup: Setup, result: "EstimationResult") -> Setup:
+    """Return the Setup that also estimates the drifts that the moving views show.
+
+    Returns the same Setup if there are none.
+    """
+    drifts = []
+    for correction in setup.corrections:
+        sensor = correction.subject
+        known = setup.correction_slice(CLOCK_DRIFT, sensor) is not None
+        if correction.name == TIME_OFFSET and not known:
+            residuals = offset_residuals(setup, result, sensor)
+            if residuals.placements and _drift_p_value(residuals) < P_ACCEPT_DRIFT:
+                mid_times = _session_mid_times(residuals.placements)
+                drifts.append(make_clock_drift_correction(sensor, mid_times))
+    return replace(setup, corrections=(*setup.corrections, *drifts)) if drifts else setup
+
+
+def _session_mid_times(placements: list[Placement]) -> tuple[SessionMidTime, ...]:
+    """Return the middle of the views of every session, sorted by session."""
+    stamps: dict[str, list[int]] = {}
+    for p in placements:
+        stamps.setdefault(p.session, []).append(p.moving_view.stamp_ns)
+    return tuple(SessionMidTime(s, (min(t) + max(t)) // 2) for s, t in sorted(stamps.items()))
+
+
+def _drift_p_value(residuals: OffsetResiduals) -> float:
+    """Return the p-value of what drifts explain of the offset residuals, if no clock drifts.
+
+    If the residuals scatter by more than their σ, for example because the noise of the MCS is not
+    white, they count for less.
+    """
+    mid_times = _session_mid_times(residuals.placements)
+    rows = [[1.0, *_drift_weights(p, mid_times)] for p in residuals.placements]
+    A = np.stack(rows) / residuals.sigma_s[:, None]
+    ratio = residuals.offset_s / residuals.sigma_s
+    with_drift = ratio - A @ np.linalg.lstsq(A, ratio, rcond=1e-9)[0]
+    constant = ratio - A[:, :1] @ np.linalg.lstsq(A[:, :1], ratio, rcond=1e-9)[0]
+    n_drift_values = A.shape[1] - 1
+    scatter = max(1.0, np.sum(with_drift**2) / max(1, len(ratio) - n_drift_values - 1))
+    explained = np.sum(constant**2) - np.sum(with_drift**2)
+    return stats.chi2.sf(explained / scatter, n_drift_values)
+
+
+def clock_drift_json(
+    sensor: str, setup: Setup, result: "EstimationResult", guess: dict[str, Any]
+) -> dict[str, Any] | None:
+    """Return {session: {time_offset_s, drift_ppm}}, each {value, sigma}; None without a drift.
+
+    time_offset_s: in the middle of the session.
+    """
+    drift_slice = setup.correction_slice(CLOCK_DRIFT, sensor)
+    if drift_slice is None or result.solve_result is None:
         return None
-    own = np.r_[setup.correction_slice(TIME_OFFSET, sensor), at]
-    spread = result.solve_result.covariance[setup.n_chain_unknowns :, setup.n_chain_unknowns :]
-    sigma, theta = setup.correction_sigma[own], result.state.correction_values[own]
-    spread = spread[np.ix_(own, own)] * np.outer(sigma, sigma)
+    own = np.r_[setup.correction_slice(TIME_OFFSET, sensor), drift_slice]
+    covariance = result.solve_result.covariance[setup.n_chain_unknowns :, setup.n_chain_unknowns :]
+    sigma, values = setup.correction_sigma[own], result.state.correction_values[own]
+    covariance = covariance[np.ix_(own, own)] * np.outer(sigma, sigma)
     moving = [p for p in setup.placements[setup.n_still :] if p.moving_view.sensor == sensor]
-    middles, out = _session_mid_times(moving), {}
-    for i, (session, _) in enumerate(middles):
+    mid_times, out = _session_mid_times(moving), {}
+    for i, (session, _) in enumerate(mid_times):
         drift, offset = np.zeros(len(own)), np.zeros(len(own))
-        drift[1 + i], offset[0] = 1e6, 1
+        drift[1 + i], offset[0] = PPM, 1
         if i:
-            offset[len(middles) + i] = 1
+            offset[len(mid_times) + i] = 1
         first = guess["time_offset_s"]["value"]
         out[session] = {
-            "time_offset_s": _weighted_sum_json(offset, theta, spread, first),
-            "drift_ppm": _weighted_sum_json(drift, theta, spread, 0.0),
+            "time_offset_s": _weighted_sum_json(offset, values, covariance, first),
+            "drift_ppm": _weighted_sum_json(drift, values, covariance, 0.0),
         }
     return out
 
 
-def _weighted_sum_json(weights, theta, spread, start):
-    """A sum of numbers of covariance spread, with its σ."""
-    sigma = np.sqrt(weights @ spread @ weights)
-    return {"value": float(start + weights @ theta), "sigma": float(sigma)}
+def _weighted_sum_json(
+    weights: np.ndarray, values: np.ndarray, covariance: np.ndarray, start: float
+) -> dict[str, float]:
+    """Return start + weights (q,) · values (q,), with its σ."""
+    sigma = np.sqrt(weights @ covariance @ weights)
+    return {"value": float(start + weights @ values), "sigma": float(sigma)}

@@ -1,129 +1,181 @@
-"""A sensor's clock against that of the MCS: t_mcs = stamp + offset."""
+"""Time offsets: of a sensor's clock, t_mcs = stamp + offset, and between two MCS streams."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calib.estimation import pose_chain
-from calib.estimation.corrections.correction import Correction
+from calib.estimation.corrections.base import (
+    ClockCorrection,
+    EstimableCorrection,
+    is_compared_exactly,
+)
+from calib.estimation.corrections.correction_estimate import (
+    CorrectionEstimate,
+    correction_estimates,
+    find_correction_estimate,
+)
+from calib.estimation.corrections.group_linearization import GroupLinearization
+from calib.estimation.corrections.number_wording import choose_by_sign
 from calib.estimation.corrections.score_test import gain_p_value, likelihood_gain
 from calib.estimation.estimate_state import STREAM_LAG, clock_delays, get_local_motion
+from calib.estimation.estimation_problem import MeasurementGroup, Placement, Setup
 from calib.geometry.se3 import adjoint, invert_pose, se3_exp, se3_log
+from calib.geometry.units import MS_PER_S
+
+if TYPE_CHECKING:  # the solver imports corrections
+    from calib.estimation.solver import EstimationResult
 
 TIME_OFFSET = "time_offset"  # name of the correction
-FINITE_STEP_S = 1e-6  # step of a finite difference
+FINITE_STEP_S = 1e-6
 STREAM_LAG_PRIOR_S = 0.05  # σ of the prior of a lag between two streams of the MCS
-LAG_STEP_S = 1e-3  # s, of a finite difference: between samples of the MCS
-MAX_CLOCK_SIGMA_RATIO = 0.3  # of the prior's σ: an offset that is told no better is not told
+LAG_STEP_S = 1e-3  # finite difference between samples of the MCS
+MAX_CLOCK_SIGMA_RATIO = 0.3  # σ of an offset over the prior's: not observable above this
 
 
-def make_time_offset_correction(name, sigma):
-    """The Hypothesis of a sensor's offset, s, with the σ of its prior, s."""
-    return Correction(
-        TIME_OFFSET, name, True, (), 1, time_offset_derivative, lambda theta, sigma: "", "",
-        np.array([sigma]), lambda model, theta, placement: model, is_moving_only=True,
-        clock_delay=lambda theta, place: theta[0],
-    )  # fmt: skip
+@dataclass(frozen=True)
+class TimeOffsetCorrection(ClockCorrection):
+    """Time offset of a sensor, s, beyond the initial guess."""
+
+    name = TIME_OFFSET
+
+    def derivative(self, linearization: GroupLinearization) -> np.ndarray:
+        return time_offset_derivative(linearization)
+
+    def describe(self, values: np.ndarray, sigma: np.ndarray) -> str:
+        return (
+            f"the stamps of {self.subject} are {MS_PER_S * abs(values[0]):.3g} ± "
+            f"{MS_PER_S * sigma[0]:.2g} ms {choose_by_sign(values[0], 'early', 'late')} relative "
+            "to those of the motion capture"
+        )
+
+    def delay_s(self, values: np.ndarray, placement: Placement) -> float:
+        return values[0]
 
 
-def time_offset_derivative(view):
-    """(1, k, n): what a later look at the MCS does to the residuals of a view in motion."""
-    return _velocity_derivative(
-        view, get_local_motion(view.setup, view.state, view.group.placement).velocity
-    )
+@dataclass(frozen=True)
+class StreamLagCorrection(EstimableCorrection):
+    """How late the clock of a target's poses is relative to that of the robot's poses, s.
+
+    For targets whose poses come from MCS streams of their own: t_robot = t_target + lag.
+    """
+
+    name = STREAM_LAG
+
+    def affects(self, setup: Setup, group: MeasurementGroup) -> bool:
+        target = setup.placements[group.placement].target
+        return group.is_moving and target == self.subject and is_compared_exactly(setup, group)
+
+    def derivative(self, linearization: GroupLinearization) -> np.ndarray:
+        return stream_lag_derivative(linearization)
+
+    def describe(self, values: np.ndarray, sigma: np.ndarray) -> str:
+        return (
+            f"the motion capture stamps {self.subject} {MS_PER_S * abs(values[0]):.3g} ± "
+            f"{MS_PER_S * sigma[0]:.2g} ms too {choose_by_sign(values[0], 'early', 'late')} "
+            "relative to the robot"
+        )
 
 
-def _velocity_derivative(view, velocity):
-    """(1, k, n): residuals per second of a body that moves with a right twist (6,), per s."""
-    T_body_target = pose_chain.T_body_target(view.setup, view.state, view.group.placement)
-    eta = adjoint(invert_pose(T_body_target)) @ velocity
-    ahead = view.residuals_with(T_sensor_target=view.T_sensor_target @ se3_exp(FINITE_STEP_S * eta))
-    return (ahead - view.assignment.standardized.T)[None] / FINITE_STEP_S
+def make_stream_lag_correction(target: str) -> StreamLagCorrection:
+    """Return the correction of the lag of a target's poses."""
+    return StreamLagCorrection(target, np.array([STREAM_LAG_PRIOR_S]))
 
 
-def make_stream_lag_correction(target):
-    """The Hypothesis of how late the clock of a target's poses is against that of the robot's, s,
-    where they come by streams of their own: t_robot = t_target + lag."""
-    return Correction(
-        STREAM_LAG, target, False, (), 1, stream_lag_derivative, lambda theta, sigma: "", "",
-        np.array([STREAM_LAG_PRIOR_S]), lambda model, theta, placement: model, is_moving_only=True,
-    )  # fmt: skip
+def time_offset_derivative(linearization: GroupLinearization) -> np.ndarray:
+    """Return the derivatives (1, k, n) of a moving view's residuals by the time offset, per s."""
+    placement = linearization.group.placement
+    motion = get_local_motion(linearization.setup, linearization.state, placement)
+    return _velocity_derivative(linearization, motion.velocity)
 
 
-def stream_lag_derivative(view):
-    """(1, k, n): what a later target does to the residuals of a view in motion."""
-    place = view.setup.placements[view.group.placement]
-    offset, lag = clock_delays(view.setup, view.state.correction_values, place)
+def stream_lag_derivative(linearization: GroupLinearization) -> np.ndarray:
+    """Return the derivatives (1, k, n) of a moving view's residuals by the stream lag, per s."""
+    setup, values = linearization.setup, linearization.state.correction_values
+    place = setup.placements[linearization.group.placement]
+    offset, lag = clock_delays(setup, values, place)
     before, after = (
         place.moving_view.motion_at(offset, lag + s).T_robot_body for s in (-LAG_STEP_S, LAG_STEP_S)
     )
-    return _velocity_derivative(view, se3_log(invert_pose(before) @ after) / (2 * LAG_STEP_S))
+    velocity = se3_log(invert_pose(before) @ after) / (2 * LAG_STEP_S)
+    return _velocity_derivative(linearization, velocity)
 
 
-def stream_lags_json(setup, result):
-    """{target: {value, sigma}} of the lags that were estimated, as far as views in motion tell
-    them, s."""
-    if result.solve_result is None:
-        return {}
-    spread, out = np.diag(result.solve_result.covariance)[setup.n_chain_unknowns :], {}
-    for h, at in setup.correction_slices:
-        (ratio,) = np.sqrt(spread[at]) if h.name == STREAM_LAG else (1.0,)
-        if ratio < MAX_CLOCK_SIGMA_RATIO:
-            out[h.subject] = {
-                "value": float(result.state.correction_values[at][0]),
-                "sigma": float(ratio * STREAM_LAG_PRIOR_S),
-            }
-    return out
+def _velocity_derivative(linearization: GroupLinearization, velocity: np.ndarray) -> np.ndarray:
+    """Return the derivatives (1, k, n) by time, if the body moves with a right twist (6,) per s."""
+    setup, state = linearization.setup, linearization.state
+    T_body_target = pose_chain.T_body_target(setup, state, linearization.group.placement)
+    step = FINITE_STEP_S * (adjoint(invert_pose(T_body_target)) @ velocity)
+    ahead = linearization.residuals_with(
+        T_sensor_target=linearization.T_sensor_target @ se3_exp(step)
+    )
+    return (ahead - linearization.assignment.standardized.T)[None] / FINITE_STEP_S
 
 
-def suspected_clock_errors_json(setup, result):
-    """As suspicion.suspicions, of every sensor with views in motion: its clock, not to be
-    estimated, is off. Mending it moves no pose: that is told by still placements."""
-    spread = np.diag(result.solve_result.covariance)[setup.n_chain_unknowns :]
-    out = []
-    for h, at in setup.correction_slices:
-        if h.name != TIME_OFFSET:
-            continue
-        (late,), (sigma,) = (
-            result.state.correction_values[at],
-            np.sqrt(spread[at]) * setup.correction_sigma[at],
-        )
-        gain = float(likelihood_gain(late, sigma))
-        out.append(
-            {
-                "name": TIME_OFFSET,
-                "subject": h.subject,
-                "description": f"the stamps of {h.subject} are {1e3 * abs(late):.3g} ± {1e3 * sigma:.2g} ms "
-                f"{'early' if late > 0 else 'late'} against those of the motion capture",
-                "remedy": f"write sensors.{h.subject}.time_offset_s {1e3 * late:+.3g} ms farther, or "
-                "solve.estimate.time_offset: auto",
-                "estimate": [float(late)],
-                "sigma": [float(sigma)],
-                "log_likelihood_gain": gain,
-                "p_value": gain_p_value(gain, 1),
-                "explained_share": {},
-                "pose_shift": {n: {"m": 0.0, "rad": 0.0, "sigmas": 0.0} for n in setup.models},
-                "alternatives": [],
-            }
-        )
-    return out
+def stream_lags_json(setup: Setup, result: "EstimationResult") -> dict[str, dict[str, float]]:
+    """Return {target: {value, sigma}}, s, of the stream lags that moving views constrain."""
+    return {
+        estimate.correction.subject: {
+            "value": float(estimate.values[0]),
+            "sigma": float(estimate.sigma[0]),
+        }
+        for estimate in correction_estimates(setup, result)
+        if estimate.correction.name == STREAM_LAG
+        and estimate.sigma_ratio[0] < MAX_CLOCK_SIGMA_RATIO
+    }
 
 
-def time_offset_json(sensor, setup, result, guess):
-    """{time_offset_s: {value, sigma} or None, clock: what there is to say of it} of a sensor.
+def suspected_clock_errors_json(setup: Setup, result: "EstimationResult") -> list[dict[str, Any]]:
+    """Return one suspected error per sensor with moving views whose clock must not be estimated.
 
-    The value is that against its stamps: the first guess, and what was found beside it.
+    Same keys as find_suspected_errors. Correcting it moves no pose: still placements fix the poses.
     """
-    views = sum(g.is_moving and g.sensor == sensor for g in setup.groups)
-    at = setup.correction_slice(TIME_OFFSET, sensor)
-    if not views or at is None or result.solve_result is None:
+    return [
+        _suspected_clock_error_json(setup, estimate)
+        for estimate in correction_estimates(setup, result)
+        if estimate.correction.name == TIME_OFFSET
+    ]
+
+
+def _suspected_clock_error_json(setup: Setup, estimate: CorrectionEstimate) -> dict[str, Any]:
+    sensor, (offset,), (sigma,) = estimate.correction.subject, estimate.values, estimate.sigma
+    gain = float(likelihood_gain(offset, sigma))
+    return {
+        "name": TIME_OFFSET,
+        "subject": sensor,
+        "description": estimate.correction.describe(estimate.values, estimate.sigma),
+        "remedy": f"change sensors.{sensor}.time_offset_s by {MS_PER_S * offset:+.3g} ms, or set "
+        "solve.estimate.time_offset to auto",
+        "estimate": [float(offset)],
+        "sigma": [float(sigma)],
+        "log_likelihood_gain": gain,
+        "p_value": gain_p_value(gain, 1),
+        "explained_share": {},
+        "pose_shift": {n: {"m": 0.0, "rad": 0.0, "sigmas": 0.0} for n in setup.models},
+        "alternatives": [],
+    }
+
+
+def time_offset_json(
+    sensor: str, setup: Setup, result: "EstimationResult", guess: dict[str, Any]
+) -> dict[str, Any]:
+    """Return {time_offset_s: {value, sigma} or None, time_offset_note} of a sensor.
+
+    The value is relative to its stamps: the initial guess plus the estimated correction.
+    """
+    n_views = sum(g.is_moving and g.sensor == sensor for g in setup.groups)
+    estimate = find_correction_estimate(setup, result, TIME_OFFSET, sensor)
+    if not n_views or estimate is None:
         return {"time_offset_s": None, "time_offset_note": "not observable: no relative motion"}
-    (prior,), (theta,) = setup.correction_sigma[at], result.state.correction_values[at]
-    (ratio,) = np.sqrt(np.diag(result.solve_result.covariance)[setup.n_chain_unknowns :][at])
-    if ratio > MAX_CLOCK_SIGMA_RATIO:
+    if estimate.sigma_ratio[0] > MAX_CLOCK_SIGMA_RATIO:
         return {
             "time_offset_s": None,
-            "time_offset_note": f"not observable: {views} views in motion tell it no "
-            f"better than ± {1e3 * ratio * prior:.2g} ms",
+            "time_offset_note": f"not observable: {n_views} moving views constrain it only to "
+            f"± {MS_PER_S * estimate.sigma[0]:.2g} ms",
         }
-    value = guess["time_offset_s"]["value"] + theta
-    found = {"value": float(value), "sigma": float(ratio * prior)}
-    return {"time_offset_s": found, "time_offset_note": f"from {views} views of targets in motion"}
+    value = guess["time_offset_s"]["value"] + estimate.values[0]
+    return {
+        "time_offset_s": {"value": float(value), "sigma": float(estimate.sigma[0])},
+        "time_offset_note": f"from {n_views} views of moving targets",
+    }

@@ -1,16 +1,21 @@
-"""What may be wrong about targets and sensors though nobody estimates it, one Hypothesis each.
+"""List the possible errors of targets and sensors that a score test looks for.
 
-A hypothesis has a few numbers θ that are zero if all is as configured. Its derivative says how the
-standardised residuals of a group change with θ. To add one: write a function that yields Hypothesis
-objects of a Setup and add it to SOURCES. One that states how a sensor's model is mended may be
-estimated along with the poses (refinement.py).
+To add one: write a subclass of TargetCorrection, SensorCorrection or ModelCorrection (base), a
+function that yields its instances for a Setup, and add the function to CORRECTION_SOURCES. A
+ModelCorrection can also be estimated with the poses (diagnosis.model_selection).
 """
 
-from calib.estimation.corrections.sensor_errors import (
-    make_beam_corrections,
+from collections.abc import Iterator
+from typing import Protocol
+
+from calib.estimation.corrections.base import TestableCorrection
+from calib.estimation.corrections.lens_errors import make_lens_corrections
+from calib.estimation.corrections.lidar_outline_errors import (
     make_beam_width_corrections,
-    make_lens_corrections,
     make_outline_twist_corrections,
+)
+from calib.estimation.corrections.lidar_range_errors import (
+    make_beam_corrections,
     make_range_corrections,
 )
 from calib.estimation.corrections.session_shifts import make_bump_corrections, make_slip_corrections
@@ -20,8 +25,16 @@ from calib.estimation.corrections.target_errors import (
     make_outline_corrections,
     make_square_corrections,
 )
+from calib.estimation.estimation_problem import Setup
 
-CORRECTION_SOURCES = (
+
+class CorrectionSource(Protocol):
+    """Yields corrections for the targets or sensors of a Setup, in a fixed order."""
+
+    def __call__(self, setup: Setup) -> Iterator[TestableCorrection]: ...
+
+
+CORRECTION_SOURCES: tuple[CorrectionSource, ...] = (
     make_square_corrections,
     make_outline_corrections,
     make_cylinder_corrections,
@@ -32,20 +45,20 @@ CORRECTION_SOURCES = (
     make_beam_width_corrections,
     make_outline_twist_corrections,
 )
-SESSION_SHIFT_SOURCES = (make_slip_corrections, make_bump_corrections)
+SESSION_SHIFT_SOURCES: tuple[CorrectionSource, ...] = (make_slip_corrections, make_bump_corrections)
 
 
-def list_testable_corrections(setup):
-    """Every Hypothesis of a Setup that it does not estimate already, in a fixed order; without
-    those of what moved within a session, which have numbers enough to explain much of anything."""
-    known = {(h.name, h.subject) for h in setup.corrections}
-    found = [h for source in CORRECTION_SOURCES for h in source(setup)]
-    return [h for h in found if (h.name, h.subject) not in known]
+def list_testable_corrections(setup: Setup) -> list[TestableCorrection]:
+    """Return every correction that a Setup does not estimate already, in a fixed order.
+
+    Shifts within a session are not among them: they have enough values to explain almost anything.
+    """
+    estimated = {(c.name, c.subject) for c in setup.corrections}
+    corrections = [c for source in CORRECTION_SOURCES for c in source(setup)]
+    return [c for c in corrections if (c.name, c.subject) not in estimated]
 
 
-def list_corrections_and_shifts(setup):
-    """Those of all_of, and what may have moved within a session."""
-    return [
-        *list_testable_corrections(setup),
-        *(h for source in SESSION_SHIFT_SOURCES for h in source(setup)),
-    ]
+def list_corrections_and_shifts(setup: Setup) -> list[TestableCorrection]:
+    """Return the testable corrections, and the possible shifts within a session."""
+    shifts = [c for source in SESSION_SHIFT_SOURCES for c in source(setup)]
+    return [*list_testable_corrections(setup), *shifts]

@@ -1,76 +1,112 @@
-"""The robot's markers, mounted anew before a session: where its MCS body then sits in R."""
+"""The robot's markers, re-attached before a session: where its MCS body then sits on the robot."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calib.estimation.corrections.correction import Correction
+from calib.estimation.corrections.base import EstimableCorrection
+from calib.estimation.corrections.correction_estimate import correction_estimates
+from calib.estimation.corrections.group_linearization import GroupLinearization
+from calib.estimation.corrections.number_wording import format_twist_sigma
 from calib.estimation.estimate_state import get_correction_values
+from calib.estimation.estimation_problem import MeasurementGroup, Setup
 from calib.estimation.pose_chain import ROBOT_MARKERS
 from calib.geometry.se3 import invert_pose, se3_exp, se3_log
 from calib.io.pose_block import pose_json
 
-MARKERS_PRIOR_SIGMA = np.repeat(
-    [0.5, np.radians(60.0)], 3
-)  # m, rad: markers may sit anywhere on a robot
-TWIST_STEP = 1e-6  # m, rad
+if TYPE_CHECKING:  # the solver imports corrections
+    from calib.estimation.solver import EstimationResult
+
+MARKERS_PRIOR_SIGMA = np.repeat([0.5, np.radians(60.0)], 3)  # m, rad: anywhere on a robot
+TWIST_STEP = 1e-6  # m, rad; finite difference
 
 
-def make_markers_corrections(notes_by_session, remounted_sessions):
-    """[Hypothesis] of the sessions that mounted the markers anew; if all did, but the first.
+@dataclass(frozen=True)
+class RobotMarkersCorrection(EstimableCorrection):
+    """Twist (6,) of a session's MCS body in the robot frame of the other sessions.
 
-    notes_by_session: session -> sensor -> {T_robot_sensor: as extract worked it out, or None}. To begin with,
-    the markers sit where a sensor says that one of the other sessions saw too.
+    T_robot_markers: (4, 4) initial value.
     """
-    fixed = [s for s in notes_by_session if s not in remounted_sessions] or list(notes_by_session)[
-        :1
-    ]
-    out = []
-    for session in (s for s in notes_by_session if s not in fixed):
-        pairs = [
-            (notes_by_session[f][n]["T_robot_sensor"], note["T_robot_sensor"])
-            for n, note in sorted(notes_by_session[session].items())
-            for f in fixed
-            if n in notes_by_session[f]
+
+    name = ROBOT_MARKERS
+    T_robot_markers: np.ndarray = field(repr=False)
+
+    @property
+    def initial_values(self) -> np.ndarray:
+        return se3_log(self.T_robot_markers)
+
+    def affects(self, setup: Setup, group: MeasurementGroup) -> bool:
+        return setup.placements[group.placement].session == self.subject
+
+    def derivative(self, linearization: GroupLinearization) -> np.ndarray:
+        setup, state = linearization.setup, linearization.state
+        theta = get_correction_values(setup, state, ROBOT_MARKERS, self.subject)
+        T = state.T_robot_sensor[linearization.group.sensor]
+        T_markers_sensor = invert_pose(se3_exp(theta)) @ T
+        moved = invert_pose(T) @ se3_exp(theta + TWIST_STEP * np.eye(6)) @ T_markers_sensor
+        residuals = [
+            linearization.residuals_with(T_sensor_target=M @ linearization.T_sensor_target)
+            for M in moved
         ]
-        there = [(np.array(a), np.array(b)) for a, b in pairs if a is not None and b is not None]
-        T = there[0][0] @ invert_pose(there[0][1]) if there else np.eye(4)
-        out.append(make_session_markers_correction(session, T))
-    return out
+        return (np.stack(residuals) - linearization.assignment.standardized.T) / TWIST_STEP
+
+    def describe(self, values: np.ndarray, sigma: np.ndarray) -> str:
+        return (
+            f"the robot's markers of session {self.subject} are shifted along and about the "
+            f"robot's x, y, z by {format_twist_sigma(values, sigma)}"
+        )
 
 
-def make_session_markers_correction(session, T_robot_markers):
-    """The Hypothesis that a session's MCS body sits at T_robot_markers (4, 4) in the robot frame
-    of the other sessions, or near: θ is its twist."""
-    return Correction(
-        ROBOT_MARKERS, session, False, (), 6, _markers_twist_derivative, lambda theta, sigma: "", "",
-        MARKERS_PRIOR_SIGMA, lambda model, theta, placement: model, is_per_session=True,
-        initial_values=se3_log(T_robot_markers),
-    )  # fmt: skip
+def make_markers_corrections(
+    notes_by_session: Mapping[str, Mapping[str, Mapping[str, Any]]],
+    remounted_sessions: Collection[str],
+) -> list[RobotMarkersCorrection]:
+    """Return a correction for every session whose markers were re-attached.
+
+    If they were in all sessions, the first session defines the robot frame. Initial values come
+    from the first sensor with a pose both in the session and in one that is not re-attached.
+
+    notes_by_session: session -> sensor -> {T_robot_sensor: working pose of extract, or None}.
+    """
+    fixed = [s for s in notes_by_session if s not in remounted_sessions]
+    fixed = fixed or list(notes_by_session)[:1]
+    return [
+        RobotMarkersCorrection(
+            session, MARKERS_PRIOR_SIGMA, _initial_markers_pose(notes_by_session, session, fixed)
+        )
+        for session in notes_by_session
+        if session not in fixed
+    ]
 
 
-def _markers_twist_derivative(view):
-    """(6, k, n): what moving the markers does to the residuals of a view."""
-    session = view.setup.placements[view.group.placement].session
-    theta = get_correction_values(view.setup, view.state, ROBOT_MARKERS, session)
-    T = view.state.T_robot_sensor[view.group.sensor]
-    back = invert_pose(se3_exp(theta)) @ T
-    moved = invert_pose(T) @ se3_exp(theta + TWIST_STEP * np.eye(6)) @ back
-    there = [view.residuals_with(T_sensor_target=M @ view.T_sensor_target) for M in moved]
-    return (np.stack(there) - view.assignment.standardized.T) / TWIST_STEP
+def _initial_markers_pose(
+    notes_by_session: Mapping[str, Mapping[str, Mapping[str, Any]]],
+    session: str,
+    fixed_sessions: list[str],
+) -> np.ndarray:
+    """Return T_robot_markers (4, 4) from a sensor with a pose in both, or the identity."""
+    for name, note in sorted(notes_by_session[session].items()):
+        for fixed in fixed_sessions:
+            reference = notes_by_session[fixed].get(name, {}).get("T_robot_sensor")
+            if reference is not None and note["T_robot_sensor"] is not None:
+                return np.array(reference) @ invert_pose(np.array(note["T_robot_sensor"]))
+    return np.eye(4)
 
 
-def robot_markers_json(setup, result):
-    """{session: {T_robot_markers, covariance}} of those whose markers were mounted anew."""
-    out = {}
-    for h, at in setup.correction_slices:
-        if h.name == ROBOT_MARKERS:
-            theta = result.state.correction_values[at]
-            spread = result.solve_result.covariance[
-                setup.n_chain_unknowns :, setup.n_chain_unknowns :
-            ]
-            spread = spread[at, at] * np.outer(h.prior_sigma, h.prior_sigma)
-            T = se3_exp(theta)
-            near = invert_pose(T) @ se3_exp(theta + TWIST_STEP * np.eye(6))
-            J = se3_log(near).T / TWIST_STEP
-            spread = (J @ spread @ J.T).tolist()
-            out[h.subject] = {"T_robot_markers": pose_json(T), "covariance": spread}
-    return out
+def robot_markers_json(setup: Setup, result: "EstimationResult") -> dict[str, Any]:
+    """Return {session: {T_robot_markers, covariance}} of the sessions with re-attached markers."""
+    return {
+        estimate.correction.subject: _markers_json(estimate.values, estimate.covariance)
+        for estimate in correction_estimates(setup, result)
+        if estimate.correction.name == ROBOT_MARKERS
+    }
+
+
+def _markers_json(twist: np.ndarray, covariance: np.ndarray) -> dict[str, Any]:
+    """Return the pose of a twist (6,), and its covariance (6, 6) as a right perturbation."""
+    T = se3_exp(twist)
+    near = invert_pose(T) @ se3_exp(twist + TWIST_STEP * np.eye(6))
+    J = se3_log(near).T / TWIST_STEP
+    return {"T_robot_markers": pose_json(T), "covariance": (J @ covariance @ J.T).tolist()}

@@ -1,99 +1,121 @@
-"""What may have moved within a session: a target in its MCS body, or a sensor on the robot."""
+"""Possible shifts within a session: of a target in its MCS body, or of a sensor on the robot."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from calib.estimation.corrections.correction import Correction
+from calib.estimation.corrections.base import SensorCorrection, TargetCorrection
+from calib.estimation.corrections.group_linearization import GroupLinearization
 from calib.estimation.corrections.number_wording import format_twist_sigma
+from calib.estimation.estimation_problem import MeasurementGroup, Placement, Setup
 from calib.geometry.se3 import adjoint, invert_pose
 
 TARGET_SLIP, SENSOR_BUMP = SESSION_SHIFT_NAMES = "target_slip", "sensor_bump"
-MIN_SHIFT_PLACEMENTS = (
-    6  # placements in a session, below which nobody asks whether something moved between them
-)
-SHIFT_CUT_SHARES = (0.25, 0.5, 0.75)  # of the placements, after which it may have
+MIN_SHIFT_PLACEMENTS = 6  # a session with fewer placements is not tested for shifts
+SHIFT_CUT_SHARES = (0.25, 0.5, 0.75)  # of the placements, after which a shift is tested
+SPLIT_REMEDY = "calibrate what comes before and after as sessions of their own (from_s, to_s)"
 
 
-def make_slip_corrections(setup):
-    """A target that sits elsewhere in its MCS body from some placement on: its markers were
-    knocked, or it slipped in its holder."""
-    exact = {n for n, target in setup.targets.items() if target.uses_exact_surface}
-    for (session, name), starts in sorted(_placement_starts(setup, lambda g, p: p.target).items()):
-        if name in exact:
-            remedy = f"see whether {name} or its markers were knocked then"
-            yield from _make_shift_corrections(
-                TARGET_SLIP,
-                name,
-                False,
-                session,
-                starts,
-                _target_twist_derivative,
-                "in its MCS body",
-                remedy,
-            )
+@dataclass(frozen=True)
+class ShiftStart:
+    """The first placement after a shift: session, start, and number in the session, from 1."""
+
+    session: str
+    start_ns: int
+    number: int
+
+    def is_before(self, linearization: GroupLinearization) -> bool:
+        """Return whether a group was measured in the session after the shift."""
+        place = linearization.setup.placements[linearization.group.placement]
+        return place.session == self.session and place.start_ns >= self.start_ns
+
+    def __str__(self) -> str:
+        return f"from its placement {self.number} in session {self.session} on"
 
 
-def make_bump_corrections(setup):
-    """A sensor that sits elsewhere on the robot from some placement on."""
-    for (session, name), starts in sorted(_placement_starts(setup, lambda g, p: g.sensor).items()):
-        remedy = f"see whether {name} was bumped then"
-        yield from _make_shift_corrections(
-            SENSOR_BUMP,
-            name,
-            True,
-            session,
-            starts,
-            _sensor_twist_derivative,
-            "on the robot",
-            remedy,
+@dataclass(frozen=True)
+class TargetSlipCorrection(TargetCorrection):
+    """Right perturbation of T_body_target from a placement on: its markers were knocked, or the
+    target slipped in its holder."""
+
+    name = TARGET_SLIP
+    n_values = 6
+    start: ShiftStart
+
+    def derivative(self, linearization: GroupLinearization) -> np.ndarray:
+        by_target = linearization.pose_derivative
+        return by_target if self.start.is_before(linearization) else np.zeros_like(by_target)
+
+    def describe(self, values: np.ndarray, sigma: np.ndarray) -> str:
+        return (
+            f"{self.subject} is shifted in its MCS body {self.start}, along and about its own "
+            f"x, y, z: by {format_twist_sigma(values, sigma)}"
         )
 
+    @property
+    def remedy(self) -> str:
+        return f"check whether {self.subject} or its markers were knocked then; {SPLIT_REMEDY}"
 
-def _placement_starts(setup, name_subject):
-    """{(session, name): {start, ns, of the still placements}}; of(group, placement) names it."""
-    out = {}
+
+@dataclass(frozen=True)
+class SensorBumpCorrection(SensorCorrection):
+    """Right perturbation of T_robot_sensor from a placement on."""
+
+    name = SENSOR_BUMP
+    n_values = 6
+    start: ShiftStart
+
+    def derivative(self, linearization: GroupLinearization) -> np.ndarray:
+        if not self.start.is_before(linearization):
+            return np.zeros_like(linearization.pose_derivative)
+        A = -adjoint(invert_pose(linearization.T_sensor_target))
+        return np.einsum("ikn,ij->jkn", linearization.pose_derivative, A)
+
+    def describe(self, values: np.ndarray, sigma: np.ndarray) -> str:
+        return (
+            f"{self.subject} is shifted on the robot {self.start}, along and about its own "
+            f"x, y, z: by {format_twist_sigma(values, sigma)}"
+        )
+
+    @property
+    def remedy(self) -> str:
+        return f"check whether {self.subject} was bumped then; {SPLIT_REMEDY}"
+
+
+def make_slip_corrections(setup: Setup) -> Iterator[TargetCorrection]:
+    """Yield the possible slips of every target that is compared exactly."""
+    exact = {n for n, target in setup.targets.items() if target.uses_exact_surface}
+    for (session, name), starts in _placement_starts(setup, lambda g, p: p.target):
+        if name in exact:
+            for start in _cut_session(session, starts):
+                yield TargetSlipCorrection(name, start)
+
+
+def make_bump_corrections(setup: Setup) -> Iterator[SensorCorrection]:
+    """Yield the possible bumps of every sensor."""
+    for (session, name), starts in _placement_starts(setup, lambda g, p: g.sensor):
+        for start in _cut_session(session, starts):
+            yield SensorBumpCorrection(name, start)
+
+
+def _placement_starts(
+    setup: Setup, name_subject: Callable[[MeasurementGroup, Placement], str]
+) -> list[tuple[tuple[str, str], set[int]]]:
+    """Return ((session, subject), starts of its still placements, ns), sorted."""
+    starts: dict[tuple[str, str], set[int]] = {}
     for g in setup.groups:
         place = setup.placements[g.placement]
         if place.moving_view is None:
-            out.setdefault((place.session, name_subject(g, place)), set()).add(place.start_ns)
-    return out
+            subject = name_subject(g, place)
+            starts.setdefault((place.session, subject), set()).add(place.start_ns)
+    return sorted(starts.items())
 
 
-def _cut_starts(starts):
-    """[(start, ns, of the first placement after a cut, its number from 1)]."""
+def _cut_session(session: str, starts: set[int]) -> list[ShiftStart]:
+    """Return the placements of a session, starts in ns, before which a shift is tested."""
     if len(starts) < MIN_SHIFT_PLACEMENTS:
         return []
     order = sorted(starts)
-    return [
-        (order[int(share * len(order))], int(share * len(order)) + 1) for share in SHIFT_CUT_SHARES
-    ]
-
-
-def _make_shift_corrections(
-    name, subject, on_sensor, session, starts, derivative, place_text, remedy
-):
-    """Hypotheses of a pose that differs from some of the starts, ns, of a session on."""
-    apart = "calibrate what comes before and after as sessions of their own (from_s, to_s)"
-    for first, count in _cut_starts(starts):
-
-        def slope(view, first=first):
-            place = view.setup.placements[view.group.placement]
-            later = place.session == session and place.start_ns >= first
-            return derivative(view) if later else np.zeros((6, *view.J_pose.shape[::2]))
-
-        def told(theta, sigma, count=count):
-            return (
-                f"{subject} sits elsewhere {place_text} from its placement {count} in session {session} on, "
-                f"along and about its own x, y, z: by {format_twist_sigma(theta, sigma)}"
-            )
-
-        yield Correction(name, subject, on_sensor, (), 6, slope, told, f"{remedy}; {apart}")
-
-
-def _target_twist_derivative(view):
-    return np.swapaxes(view.J_pose, 0, 1)
-
-
-def _sensor_twist_derivative(view):
-    """(6, k, n) by the right perturbation of T_robot_sensor."""
-    A = -adjoint(invert_pose(view.T_sensor_target))
-    return np.einsum("kin,ij->jkn", view.J_pose, A)
+    cuts = [int(share * len(order)) for share in SHIFT_CUT_SHARES]
+    return [ShiftStart(session, order[i], i + 1) for i in cuts]

@@ -1,13 +1,16 @@
-"""What may be wrong about a target: its sizes, and where it sits in its MCS body."""
+"""Possible errors of a target: its sizes, and its mount T_body_target."""
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
-from calib.estimation.corrections.correction import (
+from calib.estimation.corrections.base import TargetCorrection
+from calib.estimation.corrections.group_linearization import (
     FINITE_STEP_M,
-    Correction,
-    make_finite_difference,
+    FINITE_STEP_RATIO,
+    GroupLinearization,
 )
 from calib.estimation.corrections.number_wording import (
     MIN_SHOWN_SIGMAS,
@@ -15,111 +18,225 @@ from calib.estimation.corrections.number_wording import (
     format_twist_sigma,
     format_value_sigma,
 )
+from calib.estimation.estimation_problem import Setup
 from calib.geometry.units import MM_PER_M, SHARE_TO_PERCENT
+from calib.targets.board import Board
+from calib.targets.cylinder import Cylinder
 
-RELATIVE_STEP = 1e-6  # step of a finite difference
-CORNER_KINDS, OUTLINE_KINDS = ("pattern_corner",), ("board_outline",)
-MAX_TESTED_EDGES = 8  # of an outline whose edges are looked at one by one
-MIN_BEND_SINE = 0.1  # sine of the least bend between two such edges
+PATTERN_KINDS, BOARD_OUTLINE_KINDS = frozenset({"pattern_corner"}), frozenset({"board_outline"})
+MAX_TESTED_EDGES = 8  # an outline with more edges is tested as a whole only
+MIN_BEND_SINE = 0.1  # at every corner of an outline whose edges are tested one by one
+Shape = TypeVar("Shape")
 
 
-def _targets_with_attribute(setup, attribute):
-    """(name, target) of the targets in use that are compared exactly and have an attribute."""
+@dataclass(frozen=True)
+class SquareSizeCorrection(TargetCorrection):
+    """Relative error of the size of a pattern about its middle. square_m: as configured."""
+
+    name = "square_size"
+    kinds = PATTERN_KINDS
+    n_values = 1
+    square_m: float
+
+    def derivative(self, linearization: GroupLinearization) -> np.ndarray:
+        return linearization.derivative_by_target(_scale_pattern, [FINITE_STEP_RATIO])
+
+    def describe(self, values: np.ndarray, sigma: np.ndarray) -> str:
+        return (
+            f"the squares of {self.subject} are {_format_share(values, sigma)} "
+            f"{choose_by_sign(values[0], 'larger', 'smaller')} than configured: square_m "
+            f"{self.square_m * (1 + values[0]):.4g}, not {self.square_m:.4g}"
+        )
+
+    @property
+    def remedy(self) -> str:
+        return f"measure square_m of {self.subject} with a calliper over several squares"
+
+
+@dataclass(frozen=True)
+class OutlineSizeCorrection(TargetCorrection):
+    """Relative error of the size of a board's outline about its middle."""
+
+    name = "outline_size"
+    kinds = BOARD_OUTLINE_KINDS
+    n_values = 1
+
+    def derivative(self, linearization: GroupLinearization) -> np.ndarray:
+        return linearization.derivative_by_target(_scale_outline, [FINITE_STEP_RATIO])
+
+    def describe(self, values: np.ndarray, sigma: np.ndarray) -> str:
+        return (
+            f"the outline of {self.subject} is {_format_share(values, sigma)} "
+            f"{choose_by_sign(values[0], 'larger', 'smaller')} than outline_m"
+        )
+
+    @property
+    def remedy(self) -> str:
+        return _outline_remedy(self.subject)
+
+
+@dataclass(frozen=True)
+class EdgeOffsetCorrection(TargetCorrection):
+    """Offsets of the n_edges edges of a board's outline, outwards, m."""
+
+    name = "outline_edges"
+    kinds = BOARD_OUTLINE_KINDS
+    n_edges: int
+
+    @property
+    def n_values(self) -> int:
+        return self.n_edges
+
+    def derivative(self, linearization: GroupLinearization) -> np.ndarray:
+        return linearization.derivative_by_target(_offset_edges, [FINITE_STEP_M] * self.n_edges)
+
+    def describe(self, values: np.ndarray, sigma: np.ndarray) -> str:
+        largest = np.abs(values).max() * (1 - FINITE_STEP_RATIO)
+        edges = [
+            f"edge {i + 1} {format_value_sigma(t, s, MM_PER_M, 'mm')} "
+            f"{choose_by_sign(t, 'outside', 'inside')}"
+            for i, (t, s) in enumerate(zip(values, sigma, strict=True))
+            if abs(t) > min(MIN_SHOWN_SIGMAS * s, largest)
+        ]
+        return (
+            f"the outline of {self.subject} differs from outline_m: {', '.join(edges)} "
+            "(edge 1 joins the first two corners)"
+        )
+
+    @property
+    def remedy(self) -> str:
+        return _outline_remedy(self.subject)
+
+
+@dataclass(frozen=True)
+class RadiusCorrection(TargetCorrection):
+    """Relative error of the radius of a cylinder. radius_m: as configured."""
+
+    name = "radius"
+    n_values = 1
+    radius_m: float
+
+    def derivative(self, linearization: GroupLinearization) -> np.ndarray:
+        return linearization.derivative_by_target(
+            lambda target, values: replace(target, radius=target.radius * (1 + values[0])),
+            [FINITE_STEP_RATIO],
+        )
+
+    def describe(self, values: np.ndarray, sigma: np.ndarray) -> str:
+        return _describe_cylinder_size("radius", self.subject, self.radius_m, values, sigma)
+
+    @property
+    def remedy(self) -> str:
+        return f"measure the circumference of {self.subject}; radius_m is circumference / 2π"
+
+
+@dataclass(frozen=True)
+class LengthCorrection(TargetCorrection):
+    """Relative error of the length of a cylinder. length_m: as configured."""
+
+    name = "length"
+    n_values = 1
+    length_m: float
+
+    def derivative(self, linearization: GroupLinearization) -> np.ndarray:
+        return linearization.derivative_by_target(
+            lambda target, values: replace(target, length=target.length * (1 + values[0])),
+            [FINITE_STEP_RATIO],
+        )
+
+    def describe(self, values: np.ndarray, sigma: np.ndarray) -> str:
+        return _describe_cylinder_size("length", self.subject, self.length_m, values, sigma)
+
+    @property
+    def remedy(self) -> str:
+        return f"measure length_m of {self.subject}"
+
+
+@dataclass(frozen=True)
+class MountCorrection(TargetCorrection):
+    """Right perturbation of T_body_target, of a target whose mount is not estimated.
+
+    T_body_target: (4, 4) as configured.
+    """
+
+    name = "mount"
+    n_values = 6
+    T_body_target: np.ndarray = field(repr=False)
+
+    def derivative(self, linearization: GroupLinearization) -> np.ndarray:
+        return linearization.pose_derivative
+
+    def describe(self, values: np.ndarray, sigma: np.ndarray) -> str:
+        return (
+            f"T_body_target of {self.subject} is off along and about the target's own x, y, z by "
+            f"{format_twist_sigma(values, sigma)}"
+        )
+
+    @property
+    def remedy(self) -> str:
+        return f"measure T_body_target of {self.subject} again, or let it be estimated"
+
+    def add_to_setup(self, setup: Setup) -> Setup | None:
+        if self.subject not in setup.mount_sigma:
+            return None
+        mounts = setup.initial_mounts | {self.subject: self.T_body_target}
+        return replace(setup, initial_mounts=mounts)
+
+
+def make_square_corrections(setup: Setup) -> Iterator[TargetCorrection]:
+    """Yield the correction of the pattern of every board that has one."""
+    for name, board in _targets_of_shape(setup, Board):
+        if board.pattern is not None:
+            yield SquareSizeCorrection(name, board.pattern.square_m)
+
+
+def make_outline_corrections(setup: Setup) -> Iterator[TargetCorrection]:
+    """Yield the corrections of the outline of every board: as a whole, and edge by edge."""
+    for name, board in _targets_of_shape(setup, Board):
+        yield OutlineSizeCorrection(name)
+        n = len(board.vertices)
+        if n <= MAX_TESTED_EDGES and _bend_sines(board.vertices).min() > MIN_BEND_SINE:
+            yield EdgeOffsetCorrection(name, n)
+
+
+def make_cylinder_corrections(setup: Setup) -> Iterator[TargetCorrection]:
+    """Yield the corrections of radius and length of every cylinder."""
+    for name, cylinder in _targets_of_shape(setup, Cylinder):
+        yield RadiusCorrection(name, cylinder.radius)
+        yield LengthCorrection(name, cylinder.length)
+
+
+def make_mount_corrections(setup: Setup) -> Iterator[TargetCorrection]:
+    """Yield the correction of every mount that is not estimated."""
+    for name, _ in _targets_of_shape(setup, object):
+        if name not in setup.initial_mounts:
+            T = next(p.T_body_target for p in setup.placements if p.target == name)
+            yield MountCorrection(name, T)
+
+
+def _targets_of_shape(setup: Setup, shape: type[Shape]) -> list[tuple[str, Shape]]:
+    """Return (name, target) of the targets in use of a shape that are compared exactly."""
     used = sorted({setup.placements[g.placement].target for g in setup.groups})
-    found = [(n, setup.targets[n]) for n in used]
-    return [
-        (n, t) for n, t in found if t.uses_exact_surface and getattr(t, attribute, None) is not None
-    ]
+    targets = [(n, setup.targets[n]) for n in used]
+    return [(n, t) for n, t in targets if t.uses_exact_surface and isinstance(t, shape)]
 
 
-def make_square_corrections(setup):
-    """The size of a pattern about its own middle."""
-    for name, target in _targets_with_attribute(setup, "pattern"):
-
-        def change(view, theta):
-            grown = view.target.pattern.with_scale(1 + theta[0])
-            return {"target": replace(view.target, pattern=grown)}
-
-        def told(theta, sigma, name=name, square=target.pattern.square_m):
-            return (
-                f"the squares of {name} are {format_value_sigma(theta[0], sigma[0], SHARE_TO_PERCENT, '%')} "
-                f"{choose_by_sign(theta[0], 'larger', 'smaller')} than the config says: square_m "
-                f"{square * (1 + theta[0]):.4g}, not {square:.4g}"
-            )
-
-        remedy = f"measure square_m of {name} with a calliper over several squares"
-        yield Correction(
-            "square_size",
-            name,
-            False,
-            CORNER_KINDS,
-            1,
-            make_finite_difference(change, [RELATIVE_STEP]),
-            told,
-            remedy,
-        )
+def _scale_pattern(board: Board, values: np.ndarray) -> Board:
+    pattern: Any = board.pattern
+    return replace(board, pattern=pattern.with_scale(1 + values[0]))
 
 
-def make_outline_corrections(setup):
-    """The size of a board's outline about its middle, and each of its edges apart."""
-    for name, target in _targets_with_attribute(setup, "vertices"):
-
-        def scaled(view, theta):
-            middle = view.target.centre[:2]
-            vertices = middle + (1 + theta[0]) * (view.target.vertices - middle)
-            return {"target": replace(view.target, vertices=vertices)}
-
-        def of_size(theta, sigma, name=name):
-            return (
-                f"the outline of {name} is {format_value_sigma(theta[0], sigma[0], SHARE_TO_PERCENT, '%')} "
-                f"{choose_by_sign(theta[0], 'larger', 'smaller')} than outline_m says"
-            )
-
-        def shifted(view, theta):
-            vertices = _move_edges(view.target.vertices, theta)
-            return {"target": replace(view.target, vertices=vertices)}
-
-        def of_edges(theta, sigma, name=name):
-            found = [
-                f"edge {i + 1} {format_value_sigma(t, s, MM_PER_M, 'mm')} {choose_by_sign(t, 'outside', 'inside')}"
-                for i, (t, s) in enumerate(zip(theta, sigma, strict=True))
-                if abs(t) > min(MIN_SHOWN_SIGMAS * s, np.abs(theta).max() * (1 - RELATIVE_STEP))
-            ]
-            return (
-                f"the outline of {name} is not where outline_m puts it: {', '.join(found)} "
-                "(edge 1 joins its first two corners)"
-            )
-
-        remedy = f"measure the sides of {name} and its place in its frame for outline_m"
-        yield Correction(
-            "outline_size",
-            name,
-            False,
-            OUTLINE_KINDS,
-            1,
-            make_finite_difference(scaled, [RELATIVE_STEP]),
-            of_size,
-            remedy,
-        )
-        n = len(target.vertices)
-        if n <= MAX_TESTED_EDGES and _bend_sines(target.vertices).min() > MIN_BEND_SINE:
-            steps = [FINITE_STEP_M] * n
-            change = make_finite_difference(shifted, steps)
-            yield Correction(
-                "outline_edges", name, False, OUTLINE_KINDS, n, change, of_edges, remedy
-            )
+def _scale_outline(board: Board, values: np.ndarray) -> Board:
+    middle = board.centre[:2]
+    return replace(board, vertices=middle + (1 + values[0]) * (board.vertices - middle))
 
 
-def _bend_sines(vertices):
-    """Sine (n,) of the bend of an outline (n, 2) at each corner."""
-    along = np.roll(vertices, -1, 0) - vertices
-    along = along / np.linalg.norm(along, axis=1)[:, None]
-    before = np.roll(along, 1, 0)
-    return np.abs(before[:, 0] * along[:, 1] - before[:, 1] * along[:, 0])
+def _offset_edges(board: Board, values: np.ndarray) -> Board:
+    return replace(board, vertices=_move_edges(board.vertices, values))
 
 
-def _move_edges(vertices, outwards):
-    """The outline (n, 2) with edge i, from corner i to the next, moved outwards (n,), m."""
+def _move_edges(vertices: np.ndarray, outwards: np.ndarray) -> np.ndarray:
+    """Return the outline (n, 2) with edge i, from corner i to the next, moved outwards[i], m."""
     along = np.roll(vertices, -1, 0) - vertices
     normal = np.column_stack([along[:, 1], -along[:, 0]])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -130,64 +247,27 @@ def _move_edges(vertices, outwards):
     return np.linalg.solve(pairs, np.stack([np.roll(offset, 1), offset], 1)[..., None])[..., 0]
 
 
-def make_cylinder_corrections(setup):
-    """Radius and length of a cylinder."""
-    for name, target in _targets_with_attribute(setup, "radius"):
-        for what, remedy in (
-            ("radius", f"measure the circumference of {name}, radius_m is it over 2π"),
-            ("length", f"measure length_m of {name}"),
-        ):
-            now = vars(target)[what]
-
-            def change(view, theta, what=what):
-                size = getattr(view.target, what) * (1 + theta[0])
-                return {"target": replace(view.target, **{what: size})}
-
-            def told(theta, sigma, name=name, what=what, size=now):
-                return (
-                    f"the {what} of {name} is {format_value_sigma(theta[0], sigma[0], SHARE_TO_PERCENT, '%')} "
-                    f"{choose_by_sign(theta[0], 'larger', 'smaller')} than the config says: {what}_m "
-                    f"{size * (1 + theta[0]):.4g}, not {size:.4g}"
-                )
-
-            yield Correction(
-                what,
-                name,
-                False,
-                (),
-                1,
-                make_finite_difference(change, [RELATIVE_STEP]),
-                told,
-                remedy,
-            )
+def _bend_sines(vertices: np.ndarray) -> np.ndarray:
+    """Return the sine (n,) of the bend of an outline (n, 2) at each corner."""
+    along = np.roll(vertices, -1, 0) - vertices
+    along = along / np.linalg.norm(along, axis=1)[:, None]
+    before = np.roll(along, 1, 0)
+    return np.abs(before[:, 0] * along[:, 1] - before[:, 1] * along[:, 0])
 
 
-def make_mount_corrections(setup):
-    """Where a target sits in its MCS body, a right perturbation of T_body_target; where it is not
-    estimated."""
-    for name in (
-        n for n, _ in _targets_with_attribute(setup, "name") if n not in setup.initial_mounts
-    ):
+def _format_share(values: np.ndarray, sigma: np.ndarray) -> str:
+    return format_value_sigma(values[0], sigma[0], SHARE_TO_PERCENT, "%")
 
-        def told(theta, sigma, name=name):
-            return (
-                f"{name} does not sit in its MCS body where T_body_target says: along and about "
-                f"the target's own x, y, z it is off by {format_twist_sigma(theta, sigma)}"
-            )
 
-        def joined(setup, name=name):
-            T = next(p.T_body_target for p in setup.placements if p.target == name)
-            return replace(setup, initial_mounts=setup.initial_mounts | {name: T})
+def _describe_cylinder_size(
+    size: str, name: str, configured_m: float, values: np.ndarray, sigma: np.ndarray
+) -> str:
+    return (
+        f"the {size} of {name} is {_format_share(values, sigma)} "
+        f"{choose_by_sign(values[0], 'larger', 'smaller')} than configured: {size}_m "
+        f"{configured_m * (1 + values[0]):.4g}, not {configured_m:.4g}"
+    )
 
-        remedy = f"measure T_body_target of {name} again, or let it be estimated"
-        yield Correction(
-            "mount",
-            name,
-            False,
-            (),
-            6,
-            lambda v: np.swapaxes(v.J_pose, 0, 1),
-            told,
-            remedy,
-            as_free_mount=joined if name in setup.mount_sigma else None,
-        )
+
+def _outline_remedy(name: str) -> str:
+    return f"measure the sides of {name} and their place in its frame for outline_m"

@@ -8,7 +8,7 @@ import pytest
 from calib.diagnosis.model_selection import estimate_with_corrections
 from calib.estimation.corrections.clock_drift import clock_drift_json
 from calib.estimation.corrections.clock_offset import (
-    make_time_offset_correction,
+    TimeOffsetCorrection,
     stream_lags_json,
     time_offset_json,
 )
@@ -179,7 +179,7 @@ def recorded(late, seed=0, views=25, sensors=("camera", "lidar"), later=0.0, ppm
             place, group = moving(made, sensor, *seen)
             places.append(place)
             groups.append(group)
-    clock = tuple(make_time_offset_correction(name, 0.1) for name in sensors)
+    clock = tuple(TimeOffsetCorrection(name, np.array([0.1])) for name in sensors)
     return replace(made, placements=places, groups=groups, corrections=clock)
 
 
