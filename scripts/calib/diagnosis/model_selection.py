@@ -155,7 +155,7 @@ def _acceptance_p_value(setup, suspected):
 
 
 def sensor_corrections_json(setup, result, sensor):
-    """[{name, text, remedy, estimate, sigma, prior}] of what was estimated of a sensor beside its
+    """[{name, description, remedy, estimate, sigma, prior_sigma}] of what was estimated of a sensor beside its
     pose: numbers θ in m, rad, their σ and that of their priors."""
     return [
         {
