@@ -6,14 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.geometry.units import NS_PER_S
-from simulation import ros_log
-from simulation.ros_log import (
-    TF_TYPE,
-    build_camera_info_factory,
-    make_cloud_message,
-    make_image_message,
-    make_tf_message,
-)
+from calib.io.logs.ros_messages import TF_TYPE, RosMessage, make_tf_message
+from calib.sensors.camera.camera_info import CAMERA_INFO_TYPE
+from calib.sensors.camera.camera_info_message import make_camera_info_message
+from simulation.ros_log import make_cloud_message, make_image_message
 from simulation.sensor_mounts import BuiltRig
 from simulation.sensors.camera_exposure import Shutter, digitize_image
 from simulation.sensors.image_renderer import compute_ray_grid, render_image
@@ -159,19 +155,15 @@ def generate_image_messages(session, name, camera_number):
         lambda t, points: render_session_image(session, name, view, t, points),
         *(session.placement_times_ns, args.exposure_s, args.blur_px),
     )
-    info = build_camera_info_factory(camera)
     for i, t in enumerate(image_stamps(session, spec)):
         rng = session.make_rng(CAMERA_SEED, i, camera_number)
         pixels = digitize_image(shutter.capture_image(t), spec.encoding, args.image_noise, rng)
         log_t = t + 20_000_000 + rng.integers(0, 5_000_000)
         yield log_t, *make_image_message(t, name, spec, pixels)
-        if info:
-            yield (
-                log_t,
-                topic_namespace(spec.topic) + "/camera_info",
-                ros_log.CAMERA_INFO_TYPE,
-                info(t, name),
-            )
+        info = make_camera_info_message(t, name, camera)
+        if info is not None:
+            info_topic = f"{topic_namespace(spec.topic)}/camera_info"
+            yield RosMessage(log_t, info_topic, CAMERA_INFO_TYPE, info)
 
 
 def image_stamps(session, camera_spec):

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from calib.geometry.se3 import invert_pose, pose_from_rpy
+from calib.io.logs.ros_messages import COMPRESSED_IMAGE_TYPE, IMAGE_TYPE, TF_TYPE, make_tf_message
 from helpers.log_containers import (
     BOARD_BODY,
     MAP_FRAME,
@@ -21,13 +22,7 @@ from helpers.log_containers import (
     make_stamped_header,
 )
 from simulate import draw_sessions, parse_simulation_arguments
-from simulation.ros_log import (
-    COMPRESSED_IMAGE_TYPE,
-    IMAGE_TYPE,
-    TF_TYPE,
-    make_cloud_message,
-    make_tf_message,
-)
+from simulation.ros_log import make_cloud_message
 from simulation.sensors.camera_exposure import IMAGE_ENCODERS, digitize_image
 from simulation.sensors.cloud_formats import CLOUD_FORMATS, make_point_array
 from simulation.sensors.image_renderer import COARSE_POINTS_PER_PIXEL, compute_ray_grid

@@ -17,15 +17,9 @@ from calib.decoding.body_tracks import build_mocap_columns
 from calib.decoding.decoded_log import build_frame_columns, decode_log, infer_stream_clocks
 from calib.geometry.se3 import make_pose, pose_to_quat, se3_exp
 from calib.io.logs.open_log import open_log
+from calib.io.logs.ros_messages import CLOUD_TYPE, IMAGE_TYPE, TF_TYPE, make_tf_message
 from decode import build_log_audit
-from simulation.ros_log import (
-    CLOUD_TYPE,
-    IMAGE_TYPE,
-    TF_TYPE,
-    convert_to_ros1,
-    make_tf_message,
-    write_rosbags_log,
-)
+from simulation.ros_log import convert_to_ros1, write_rosbags_log
 
 NS_PER_MS = 1_000_000
 CONTAINER_START_NS = 1_700_000_000_000_000_000

@@ -11,6 +11,7 @@ from benchmarking.fuzzing.byte_damage import BYTE_DAMAGES
 from benchmarking.fuzzing.case_runner import limit_time
 from calib.decoding.sensor_probe import LidarProbe
 from calib.io.logs.open_log import open_log
+from calib.io.logs.ros_messages import IMAGE_TYPE
 from calib.io.status import InputError, MessageError
 from calib.sensors.camera.images.image_messages import read_bgr
 from calib.sensors.lidar.clouds.cloud_messages import read_raw_cloud
@@ -26,7 +27,6 @@ from helpers.log_containers import (
     write_in_container,
     write_test_mcap,
 )
-from simulation.ros_log import IMAGE_TYPE
 
 KIND = "TFMessage"
 CASES = int(os.environ.get("DAMAGED_COPIES", "45"))  # of each container

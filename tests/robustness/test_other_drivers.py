@@ -8,13 +8,14 @@ import pytest
 
 from calib.decoding.decoded_log import DecodedLog, build_frame_columns, infer_stream_clocks
 from calib.decoding.sensor_audit import audit_sensor
+from calib.io.logs.ros_messages import CLOUD_TYPE, IMAGE_TYPE
 from calib.io.parquet_tables import read_table
 from calib.io.table_schemas import CAMERA_VIEWS_SCHEMA, LIDAR_VIEWS_SCHEMA
 from calib.sensors.lens_from_log import reject_lens_mismatches, with_lens_from_log
 from helpers.small_run import SMALL_ARGUMENTS, run_to_completion, simulate_into
 from simulate import draw_sessions, parse_simulation_arguments
 from simulation.config_and_truth import write_simulated_config, write_truth
-from simulation.ros_log import CLOUD_TYPE, IMAGE_TYPE, write_simulated_mcap
+from simulation.ros_log import write_simulated_mcap
 from simulation.session_recording import generate_messages
 
 pytestmark = pytest.mark.pipeline

@@ -7,15 +7,9 @@ from mcap.writer import CompressionType, Writer
 
 from calib.geometry.se3 import make_pose, se3_exp
 from calib.geometry.units import NS_PER_S
-from simulation import ros_log
-from simulation.ros_log import (
-    CLOUD_TYPE,
-    IMAGE_TYPE,
-    TF_TYPE,
-    make_cloud_message,
-    make_image_message,
-    make_tf_message,
-)
+from calib.io.logs import ros_messages
+from calib.io.logs.ros_messages import CLOUD_TYPE, IMAGE_TYPE, TF_TYPE, make_tf_message
+from simulation.ros_log import make_cloud_message, make_image_message
 from simulation.sensors.cloud_formats import Echoes
 from simulation.simulated_rigs import SimulatedCamera
 
@@ -63,7 +57,7 @@ def _register_channels(writer):
     types = {"/tf": TF_TYPE} | {s["topic"]: kinds[s["kind"]] for s in large_log_sensors().values()}
     out = {}
     for topic, name in types.items():
-        text = ros_log.ROS2_TYPES.generate_msgdef(name, ros_version=2)[0].encode()
+        text = ros_messages.ROS2_TYPES.generate_msgdef(name, ros_version=2)[0].encode()
         schema = writer.register_schema(name, "ros2msg", text)
         out[topic] = writer.register_channel(topic, "cdr", schema)
     return out
@@ -95,7 +89,7 @@ def _generate_messages():
 
 
 def _serialize_message(message):
-    return bytearray(ros_log.ROS2_TYPES.serialize_cdr(message, message.__msgtype__))
+    return bytearray(ros_messages.ROS2_TYPES.serialize_cdr(message, message.__msgtype__))
 
 
 def _make_cloud_bytes(rng, frame):

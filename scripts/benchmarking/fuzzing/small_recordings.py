@@ -11,9 +11,8 @@ from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import Stores, get_typestore
 
 from calib.geometry.se3 import make_pose, pose_to_quat, se3_exp
-from calib.sensors.camera.images.image_messages import encode_png
-from simulation import ros_log
-from simulation.ros_log import (
+from calib.io.logs import ros_messages
+from calib.io.logs.ros_messages import (
     CLOUD_TYPE,
     COMPRESSED_IMAGE_TYPE,
     IMAGE_TYPE,
@@ -21,13 +20,14 @@ from simulation.ros_log import (
     LIVOX_TYPE,
     NUMPY_TO_POINT_FIELD,
     TF_TYPE,
-    convert_to_ros1,
     make_tf_message,
-    write_rosbags_log,
 )
+from calib.sensors.camera.camera_info import CAMERA_INFO_TYPE
+from calib.sensors.camera.images.image_messages import encode_png
+from simulation.ros_log import convert_to_ros1, write_rosbags_log
 
 FUZZ_START_NS, POSE_PERIOD_NS = 1_700_000_000_000_000_000, 10_000_000  # ns
-ROS2_TYPES, ROS1_TYPES = ros_log.ROS2_TYPES, get_typestore(Stores.ROS1_NOETIC)
+ROS2_TYPES, ROS1_TYPES = ros_messages.ROS2_TYPES, get_typestore(Stores.ROS1_NOETIC)
 N_POSES = 16
 CHUNK_BYTES = 4000
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
@@ -93,7 +93,7 @@ def _camera_info_message(t):
     numbers["k"][[0, 4]] = numbers["p"].reshape(-1)[[0, 5]] = 5.0
     region = dict.fromkeys(("x_offset", "y_offset", "height", "width"), 0)
     return _make_message(
-        ros_log.CAMERA_INFO_TYPE, header=_make_header(t, "lens"), height=4, width=4, distortion_model="plumb_bob",
+        CAMERA_INFO_TYPE, header=_make_header(t, "lens"), height=4, width=4, distortion_model="plumb_bob",
         binning_x=0, binning_y=0, **{k: v.ravel() for k, v in numbers.items()},
         roi=_make_message("sensor_msgs/msg/RegionOfInterest", **region, do_rectify=False),
     )  # fmt: skip
@@ -140,7 +140,7 @@ def _laser_scan_message(t):
 SENSOR_TOPICS = {
     "/image": (IMAGE_TYPE, _image_message),
     "/compressed": (COMPRESSED_IMAGE_TYPE, _compressed_image_message),
-    "/camera_info": (ros_log.CAMERA_INFO_TYPE, _camera_info_message),
+    "/camera_info": (CAMERA_INFO_TYPE, _camera_info_message),
     "/points": (CLOUD_TYPE, _cloud_message),
     "/livox": (LIVOX_TYPE, _livox_message),
     "/scan": (LASER_SCAN_TYPE, _laser_scan_message),

@@ -1,81 +1,118 @@
-"""Calibrations of a rig that were accepted, in the order in which they were.
+"""The history of a rig: one numbered file for each accepted calibration, history/0007.json.
 
-An entry is one file, named after its content: {"previous": name or null, "calibration": as in
-calibration.json}. Each names the one before it, so that their order needs no clock, a file is
-never written twice, and what is accepted again without a change adds nothing.
+A file holds {"previous": name of the file before it or null, "calibration": as calibration.json}.
+The order follows `previous`, so files that earlier versions named after their content are read too.
 """
 
-import hashlib
 import json
+import re
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from calib.io.atomic_files import write_file
 from calib.io.status import InputError
 
-N_HASH_DIGITS = 16  # of the SHA-256 in a name
+# A number, or the 16 hexadecimal digits that earlier versions used.
+ENTRY_NAME_PATTERN = re.compile(r"\d{4,8}|[0-9a-f]{16}")
+ENTRY_KEYS = {"previous", "calibration"}
 
 
-def accept_calibration(folder, calibration):
-    """Add a calibration to the history in a folder, unless the newest is the same; its name."""
-    known = read_accepted_calibrations(folder)
-    if known and known[-1][1] == calibration:
-        return known[-1][0]
-    content = {"previous": known[-1][0] if known else None, "calibration": calibration}
+class AcceptedCalibration(NamedTuple):
+    """An accepted calibration: the name of its file without .json, and its calibration.json."""
+
+    name: str
+    calibration: dict[str, Any]
+
+
+class HistoryFileError(Exception):
+    """What is wrong with one file of a history, in words."""
+
+
+def accept_calibration(folder: Path, calibration: dict[str, Any]) -> str:
+    """Add a calibration to the history in a folder; returns the name of its file without .json.
+
+    Writes nothing if the newest one is the same. Raises InputError if the history is damaged.
+    """
+    history = read_accepted_calibrations(folder)
+    if history and history[-1].calibration == calibration:
+        return history[-1].name
+    numbers = [int(entry.name) for entry in history if len(entry.name) < 16]
+    name = f"{max(numbers, default=0) + 1:04d}"
+    content = {"previous": history[-1].name if history else None, "calibration": calibration}
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n"
-    name = _hash_content(text.encode())
     write_file(Path(folder) / f"{name}.json", text)
     return name
 
 
-def read_earlier_calibrations(folder, calibration):
-    """[(name, calibration)] that were accepted before a calibration, the oldest first: whether or
-    not that has been accepted itself by now."""
-    known = read_accepted_calibrations(folder)
-    return known[:-1] if known and known[-1][1] == calibration else known
+def read_earlier_calibrations(
+    folder: Path, calibration: dict[str, Any]
+) -> list[AcceptedCalibration]:
+    """Read what was accepted before a calibration, the oldest first.
 
-
-def read_accepted_calibrations(folder):
-    """[(name, calibration)] of the history in a folder, the oldest first; where it forks, the
-    longest line, then the first by name.
-
-    Raises InputError for an entry that is not what it was named after, or whose forerunner is gone.
+    The result does not depend on whether the calibration itself is accepted already.
     """
-    entries = {path.stem: _read_entry(path) for path in sorted(Path(folder).glob("*.json"))}
-    lines = [
-        _trace_back_names(name, entries, folder)
-        for name in sorted(set(entries) - _previous_names(entries))
-    ]
-    names = max(lines, key=len, default=[])
-    return [(name, entries[name]["calibration"]) for name in names]
+    history = read_accepted_calibrations(folder)
+    if history and history[-1].calibration == calibration:
+        return history[:-1]
+    return history
 
 
-def _previous_names(entries):
-    return {entry["previous"] for entry in entries.values()}
+def read_accepted_calibrations(folder: Path) -> list[AcceptedCalibration]:
+    """Read the history in a folder, the oldest first.
 
-
-def _trace_back_names(name, entries, folder):
-    """Names from the oldest to this one."""
-    names = [name]
-    while (previous := entries[names[-1]]["previous"]) is not None:
-        if previous not in entries:
-            raise InputError(
-                f"{folder}/{names[-1]}.json follows {previous}.json, which is gone; put it back, "
-                "or remove the folder to begin the history anew"
-            )
-        names.append(previous)
-    return names[::-1]
-
-
-def _read_entry(path):
-    """An entry, if it is what its name says."""
-    content = path.read_bytes()
-    if _hash_content(content) != path.stem:
+    Raises InputError that lists every file that is damaged, foreign or missing.
+    """
+    entries, problems = {}, []
+    for path in sorted(Path(folder).glob("[!.]*.json")):
+        try:
+            entries[path.stem] = _read_entry(path)
+        except HistoryFileError as error:
+            problems.append(f"{path.name} {error}")
+    names, order_problems = _order_entries(entries)
+    if problems or order_problems:
         raise InputError(
-            f"{path} is not as it was written: its content gives {_hash_content(content)}; put it back, or "
-            "remove the folder to begin the history anew"
+            f"{folder}: {'; '.join(problems or order_problems)}. Put the right file back, or move "
+            "this folder away to start a new history"
         )
-    return json.loads(content)
+    return [AcceptedCalibration(name, entries[name]["calibration"]) for name in names]
 
 
-def _hash_content(content):
-    return hashlib.sha256(content).hexdigest()[:N_HASH_DIGITS]
+def _read_entry(path: Path) -> dict[str, Any]:
+    """Read one file; raises HistoryFileError if it is not one of a history."""
+    if not ENTRY_NAME_PATTERN.fullmatch(path.stem):
+        raise HistoryFileError("does not belong here: expected names such as 0001.json")
+    try:
+        entry = json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise HistoryFileError(f"cannot be read ({error})") from error
+    if not isinstance(entry, dict) or set(entry) != ENTRY_KEYS:
+        raise HistoryFileError("is no accepted calibration: expected {previous, calibration}")
+    if not isinstance(entry["previous"], str | None):
+        raise HistoryFileError(f"follows {entry['previous']!r}, expected a name or null")
+    calibration = entry["calibration"]
+    if not isinstance(calibration, dict) or not isinstance(calibration.get("sensors"), dict):
+        raise HistoryFileError("holds no calibration with sensors")
+    return entry
+
+
+def _order_entries(entries: dict[str, dict[str, Any]]) -> tuple[list[str], list[str]]:
+    """Order the names of entries from the oldest to the newest; returns (names, problems)."""
+    problems = [
+        f"{name}.json follows {entry['previous']}.json, which is missing"
+        for name, entry in entries.items()
+        if entry["previous"] is not None and entry["previous"] not in entries
+    ]
+    followers: dict[str | None, list[str]] = {}
+    for name, entry in entries.items():
+        followers.setdefault(entry["previous"], []).append(name)
+    for previous, names in followers.items():
+        if len(names) > 1:
+            files = " and ".join(f"{name}.json" for name in names)
+            problems.append(f"{files} both follow {previous or 'no file'}: expected one of them")
+    ordered: list[str] = []
+    while following := followers.get(ordered[-1] if ordered else None):
+        ordered.append(following[0])
+    if not problems and len(ordered) < len(entries):
+        loose = sorted(set(entries) - set(ordered))
+        problems.append(f"{', '.join(f'{name}.json' for name in loose)} follow each other")
+    return ordered, problems

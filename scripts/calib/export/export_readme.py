@@ -1,49 +1,55 @@
-"""What stands in export/, which way each transform goes, and what could not be written and why."""
+"""README.md of the export folder: files, conventions, and what is not written and why."""
 
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from calib.export.calibrated_scene import ExportScene
 from calib.export.formats.format_registry import FORMATS
-from calib.io.urdf_file import urdf_backup_path
+from calib.io.status import Status
+from calib.io.urdf.sensor_joints import SensorJoints
+from calib.io.urdf.urdf_file import urdf_backup_path
 
 README_FILE_NAME = "README.md"
 
 
-def render_export_readme(scene, status_by_format, verdict, joints_by_urdf):
-    """The text. status_by_format: {format: {file: Status}}; joints_by_urdf: {URDF: ({child link: T_parent_child},
-    {sensor: Status of why it is not among them})}."""
+def render_export_readme(
+    scene: ExportScene,
+    status_by_format: Mapping[str, Mapping[str, Status]],
+    verdict: dict[str, Any],
+    joints_by_urdf: Mapping[Path, SensorJoints],
+) -> str:
+    """Render the text; status_by_format says of each format and file whether it is written."""
     lines = [f"# Calibration of {scene.rig}", "", f"Verdict: {verdict['verdict']}."]
-    lines += [
-        *_format_items(verdict["reasons"]),
-        "",
-        f"The parent frame is `{scene.parent_frame}`.",
-    ]
-    lines += [
-        *_format_items(scene.notes),
-        "",
-        "One point of every sensor, and where the parent has it:",
-    ]
-    lines += ["", *_format_items(scene.describe_worked_points())]
+    lines += _format_items(verdict["reasons"])
+    lines += ["", f"The parent frame is `{scene.parent_frame}`."]
+    lines += _format_items(scene.notes)
+    lines += ["", "One point of every sensor, and the same point in the parent frame:", ""]
+    lines += _format_items(scene.describe_worked_points())
     for name, files in status_by_format.items():
-        module = FORMATS[name]
-        lines += ["", f"## {name}", "", f"What: {module.TITLE}.", "", f"How: {module.CONVENTION}."]
-        lines += [
-            "",
-            *_format_items(_describe_file(file, status) for file, status in files.items()),
-        ]
-    for path, (placed, unplaced) in joints_by_urdf.items():
-        lines += ["", f"## {path}", "", f"These joints hold it; {_describe_backup(path)}.", ""]
-        lines += _format_items(f"the joint above link `{link}`" for link in sorted(placed))
-        lines += _format_items(
-            f"not for {name}: {status}" for name, status in sorted(unplaced.items())
-        )
+        lines += _describe_format(name, files)
+    for path, joints in joints_by_urdf.items():
+        lines += _describe_urdf(path, joints)
     return "\n".join(lines) + "\n"
 
 
-def _format_items(texts):
-    return [f"- {' '.join(str(text).split())}" for text in texts]
+def _describe_format(name: str, files: Mapping[str, Status]) -> list[str]:
+    module = FORMATS[name]
+    head = ["", f"## {name}", "", f"What: {module.TITLE}.", "", f"How: {module.CONVENTION}.", ""]
+    return head + _format_items(
+        f"`{file}`" if status.ok else f"not written: {file}: {status}"
+        for file, status in files.items()
+    )
 
 
-def _describe_file(name, status):
-    return f"`{name}`" if status.ok else f"not written: {name}: {status}"
+def _describe_urdf(path: Path, joints: SensorJoints) -> list[str]:
+    backup = urdf_backup_path(path).name
+    head = ["", f"## {path}", ""]
+    head += [f"The calibration is in these joints. `{backup}` is the file before it.", ""]
+    placed = [f"the joint above link `{link}`" for link in sorted(joints.origins)]
+    unplaced = [f"not for {name}: {status}" for name, status in sorted(joints.unplaced.items())]
+    return head + _format_items(placed + unplaced)
 
 
-def _describe_backup(path):
-    return f"the file as it was before the first calibration is `{urdf_backup_path(path).name}`"
+def _format_items(texts: Iterable[str]) -> list[str]:
+    return [f"- {' '.join(text.split())}" for text in texts]

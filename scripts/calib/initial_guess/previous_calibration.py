@@ -5,7 +5,7 @@ from pathlib import Path
 
 from calib.io.pose_block import pose_from_config, pose_json
 from calib.io.status import InputError
-from calib.io.urdf_file import fixed_joint_transforms, read_urdf_joints, urdf_backup_path
+from calib.io.urdf.urdf_file import fixed_joint_transforms, read_urdf_joints, urdf_backup_path
 
 
 def read_previous_calibration(path, config):

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 
+from calib.io.logs.ros_messages import COMPRESSED_IMAGE_TYPE
 from helpers.fault_catalog.fault_case import (
     CAMERA_INFO_TOPIC,
     IMAGE_TOPIC,
@@ -11,7 +12,6 @@ from helpers.fault_catalog.fault_case import (
     drop_rows,
 )
 from helpers.log_containers import make_ros2_message
-from simulation.ros_log import COMPRESSED_IMAGE_TYPE
 
 COMPRESSED_TOPIC = IMAGE_TOPIC + "/compressed"
 

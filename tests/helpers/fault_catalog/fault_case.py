@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.geometry.units import NS_PER_S
-from simulation import ros_log
-from simulation.ros_log import NUMPY_TO_POINT_FIELD
+from calib.io.logs import ros_messages
+from calib.io.logs.ros_messages import NUMPY_TO_POINT_FIELD
 from simulation.world.smooth_motion import SIMULATION_START_NS
 
 NS_PER_MS = 10**6
@@ -108,7 +108,7 @@ def set_cloud_points(message, array, height=1):
     """Put points (n,) of any layout into a PointCloud2."""
     layout = array.dtype
     message.fields = [
-        ros_log.ROS2_TYPES.types["sensor_msgs/msg/PointField"](
+        ros_messages.ROS2_TYPES.types["sensor_msgs/msg/PointField"](
             name=name,
             offset=layout.fields[name][1],
             datatype=NUMPY_TO_POINT_FIELD[layout[name].newbyteorder("=").name],

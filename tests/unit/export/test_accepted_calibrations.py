@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 
 import numpy as np
 import pytest
@@ -27,26 +28,45 @@ from helpers.report_inputs import (
     remove_plotly,
 )
 
-A, B, C = ({"rig": "robo", "n": n} for n in "abc")
+A, B, C = ({"rig": "robo", "sensors": {n: {}}} for n in "abc")
+OLD_NAMES = "0123456789abcdef", "fedcba9876543210"
+
+
+def write_entry(folder, name, previous, calibration):
+    (folder / f"{name}.json").write_text(
+        json.dumps({"previous": previous, "calibration": calibration})
+    )
 
 
 def test_what_is_accepted_again_adds_nothing(tmp_path):
     first = accept_calibration(tmp_path, A)
-    assert accept_calibration(tmp_path, copy.deepcopy(A)) == first
-    assert [p.name for p in tmp_path.iterdir()] == [f"{first}.json"]
+    before = (tmp_path / f"{first}.json").read_bytes()
+    assert accept_calibration(tmp_path, copy.deepcopy(A)) == first == "0001"
+    assert [p.name for p in tmp_path.iterdir()] == ["0001.json"]
+    assert (tmp_path / "0001.json").read_bytes() == before
 
 
 def test_the_order_is_that_in_which_they_were_accepted_also_of_one_that_comes_back(tmp_path):
     names = [accept_calibration(tmp_path, c) for c in (A, B, C, A)]
     found = read_accepted_calibrations(tmp_path)
-    assert [n for n, _ in found] == names and [c["n"] for _, c in found] == list("abca")
-    assert len(set(names)) == 4
+    assert names == ["0001", "0002", "0003", "0004"]
+    assert [n for n, _ in found] == names and [c for _, c in found] == [A, B, C, A]
 
 
-def test_names_depend_on_the_content_alone(tmp_path):
+def test_every_entry_names_its_predecessor(tmp_path):
+    for calibration in (A, B, C):
+        accept_calibration(tmp_path, calibration)
+    entries = [json.loads(p.read_text()) for p in sorted(tmp_path.iterdir())]
+    assert [e["previous"] for e in entries] == [None, "0001", "0002"]
+
+
+def test_the_same_calibrations_give_the_same_bytes(tmp_path):
     one, other = tmp_path / "one", tmp_path / "other"
-    assert [accept_calibration(one, c) for c in (A, B)] == [
-        accept_calibration(other, c) for c in (A, B)
+    for folder in (one, other):
+        for calibration in (A, B):
+            accept_calibration(folder, calibration)
+    assert [p.read_bytes() for p in sorted(one.iterdir())] == [
+        p.read_bytes() for p in sorted(other.iterdir())
     ]
 
 
@@ -67,23 +87,71 @@ def test_a_folder_without_history_has_none(tmp_path):
     )
 
 
-def test_a_changed_entry_is_refused(tmp_path):
-    name = accept_calibration(tmp_path, A)
-    (tmp_path / f"{name}.json").write_text("{}")
-    with pytest.raises(InputError, match=f"{name}.json is not as it was written"):
+def test_files_named_after_their_content_by_earlier_versions_come_first(tmp_path):
+    newest, oldest = OLD_NAMES
+    write_entry(tmp_path, oldest, None, A)
+    write_entry(tmp_path, newest, oldest, B)
+    assert accept_calibration(tmp_path, B) == newest
+    assert accept_calibration(tmp_path, C) == "0001"
+    assert [n for n, _ in read_accepted_calibrations(tmp_path)] == [oldest, newest, "0001"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{}", "0001.json is no accepted calibration: expected {previous, calibration}"),
+        ("{", "0001.json cannot be read"),
+        ("\udcff", "0001.json cannot be read"),
+        ('{"previous": null, "calibration": {}}', "0001.json holds no calibration with sensors"),
+        ('{"previous": [], "calibration": {}}', "0001.json follows []"),
+    ],
+)
+def test_a_damaged_entry_is_refused(tmp_path, content, message):
+    accept_calibration(tmp_path, A)
+    (tmp_path / "0001.json").write_bytes(content.encode(errors="surrogateescape"))
+    with pytest.raises(InputError, match=re.escape(message)):
         read_accepted_calibrations(tmp_path)
 
 
 def test_an_entry_whose_forerunner_is_gone_is_refused(tmp_path):
-    first, _ = (accept_calibration(tmp_path, c) for c in (A, B))
-    (tmp_path / f"{first}.json").unlink()
-    with pytest.raises(InputError, match=f"follows {first}.json, which is gone"):
+    for calibration in (A, B):
+        accept_calibration(tmp_path, calibration)
+    (tmp_path / "0001.json").unlink()
+    with pytest.raises(InputError, match="0002.json follows 0001.json, which is missing") as error:
         accept_calibration(tmp_path, C)
+    assert "Put the right file back, or move this folder away" in str(error.value)
+    assert [p.name for p in tmp_path.iterdir()] == ["0002.json"]
+
+
+def test_foreign_files_are_all_named_in_one_message(tmp_path):
+    accept_calibration(tmp_path, A)
+    for name in ("0001 (copy).json", "notes.json"):
+        (tmp_path / name).write_text("{}")
+    with pytest.raises(InputError) as error:
+        accept_calibration(tmp_path, B)
+    assert "0001 (copy).json does not belong here" in str(error.value)
+    assert "notes.json does not belong here: expected names such as 0001.json" in str(error.value)
+
+
+def test_two_files_that_follow_one_are_refused(tmp_path):
+    for calibration in (A, B):
+        accept_calibration(tmp_path, calibration)
+    write_entry(tmp_path, "0003", "0001", C)
+    with pytest.raises(InputError, match="0002.json and 0003.json both follow 0001"):
+        read_accepted_calibrations(tmp_path)
+
+
+def test_files_that_follow_each_other_are_refused(tmp_path):
+    write_entry(tmp_path, "0001", "0002", A)
+    write_entry(tmp_path, "0002", "0001", B)
+    with pytest.raises(InputError, match="0001.json, 0002.json follow each other"):
+        read_accepted_calibrations(tmp_path)
 
 
 def test_what_was_begun_and_never_ended_is_no_entry(tmp_path):
     accept_calibration(tmp_path, A)
-    (tmp_path / ".0123456789abcdef").write_text('{"previous"')
+    (tmp_path / ".0002.json.part").write_text('{"previous"')
+    (tmp_path / ".0002.json").write_text('{"previous"')
     assert len(read_accepted_calibrations(tmp_path)) == 1
 
 
@@ -176,12 +244,12 @@ def test_a_rig_that_stopped_is_there_with_what_stopped_it_beside_the_healthy(tmp
     assert "robo PASS Every limit is kept. 2 1 0" in said
 
 
-def test_a_spoilt_history_is_told_on_the_page(tmp_path):
+def test_a_damaged_history_is_named_on_the_page(tmp_path):
     home = results(tmp_path, "robo")
     exported(home)
     (entry,) = (home / "history").iterdir()
     entry.write_text("{}")
-    assert "is not as it was written" in extract_page_text(page(tmp_path))
+    assert "0001.json is no accepted calibration" in extract_page_text(page(tmp_path))
 
 
 def test_links_lead_to_what_is_there(tmp_path):

@@ -18,18 +18,25 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from calib.export.calibrated_scene import ExportSession, build_export_scene
+from calib.export.calibrated_scene import ExportSession
 from calib.export.export_readme import README_FILE_NAME, render_export_readme
-from calib.export.formats import foxglove, tf_static
+from calib.export.formats import tf_static
 from calib.export.formats.format_registry import FORMATS
-from calib.export.formats.foxglove import UNCOLORED_BGR, FoxgloveView, color_lidar_returns
+from calib.export.placement_views import (
+    UNCOLORED_BGR,
+    CameraView,
+    LidarView,
+    color_lidar_returns,
+    make_camera_view,
+)
+from calib.export.scene_from_calibration import build_export_scene
 from calib.geometry.se3 import invert_pose, make_pose, pose_from_rpy, se3_log, transform_points
 from calib.io.parquet_tables import read_table
 from calib.io.pose_block import pose_from_config, pose_json
 from calib.io.stage_cli import read_json
 from calib.io.status import Status
 from calib.io.table_schemas import FRAMES_SCHEMA
-from calib.io.urdf_file import origin_attributes
+from calib.io.urdf.urdf_file import origin_attributes
 from calib.sensors.camera.images.image_messages import encode_png
 from calib.sensors.sensor_models import camera_from_config
 from helpers.small_run import (
@@ -499,8 +506,8 @@ def test_a_return_has_the_colour_of_the_pixel_that_shows_it():
     known[:, :450] = False
     p_left = np.array([[0.1, 0.2, 1.0], [-0.2, 0.1, 1.5], [0.1, 0.2, -1.0]])
     T_front_left = invert_pose(POSES["front"]) @ POSES["left"]
-    scan = FoxgloveView(0, xyz=transform_points(T_front_left, p_left))
-    seen = {"left": FoxgloveView(0, image=image, pixel_mask=known)}
+    scan = LidarView(0, xyz=transform_points(T_front_left, p_left))
+    seen = {"left": CameraView(0, image=image, pixel_mask=known)}
     colours = color_lidar_returns(shown, shown.sensors["front"], scan, seen)
     uv, _ = shown.sensors["left"].camera.project(p_left[:1])
     u, v = np.rint(uv[0]).astype(int)
@@ -613,9 +620,9 @@ def test_frames_that_are_empty_taken_or_the_parent_s_go_by_the_sensor_and_that_i
     _, shown = described(frames=frames)
     found = {n: s.frame for n, s in shown.sensors.items()}
     assert found == {n: n for n in POSES} and len(shown.notes) == 4
-    assert "the frame of front goes by front: its messages name none" in shown.notes
-    assert "the frame of down goes by down: 2 sensors have lidar" in shown.notes
-    assert "the frame of right goes by right: base_link is the parent" in shown.notes
+    assert "the frame of front is exported as front: its messages have no frame_id" in shown.notes
+    assert "the frame of down is exported as down: 2 sensors use lidar" in shown.notes
+    assert "the frame of right is exported as right: base_link is the parent frame" in shown.notes
 
 
 def test_the_body_of_a_camera_goes_by_the_name_that_the_rig_gives_it():
@@ -645,7 +652,7 @@ def test_kalibr_leaves_out_a_camera_with_a_k3_and_says_so():
     left = shown.sensors["left"].camera
     object.__setattr__(left, "params", (*left.params[:8], 0.02))
     files = FORMATS["kalibr"].render_files(shown)
-    assert "k3, that of left is 0.02" in files["camchain.yaml: left"].reason
+    assert "no k3, but left has k3 = 0.02" in files["camchain.yaml: left"].reason
     chain = yaml.safe_load(files["camchain.yaml"])
     assert [c["rostopic"] for c in chain.values()] == ["/fish/data", "/right/data"]
     fish, right = (T_parent_sensor(calibration, n) for n in ("fish", "right"))
@@ -699,7 +706,7 @@ def test_images_are_what_was_kept_of_them_and_black_elsewhere():
     part = np.full((20, 30, 3), 200, np.uint8)
     _, shown = described()
     row = {"stamp_ns": 7, "u0": 100, "v0": 50, "png": encode_png(part)}
-    view = foxglove._make_foxglove_view(shown.sensors["left"], row)
+    view = make_camera_view(shown.sensors["left"], row)
     assert (
         view.pixel_mask.sum() == 600 and view.pixel_mask[50, 100] and not view.pixel_mask[49, 100]
     )

@@ -10,10 +10,8 @@ import yourdfpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import export
 import guess
-from calib.export.calibrated_scene import T_BODY_OPTICAL, ExportScene, ExportSensor
-from calib.export.urdf_sensor_joints import compute_joint_origins
+from calib.export.calibrated_scene import ExportScene, ExportSensor
 from calib.geometry.se3 import invert_pose, pose_from_rpy, se3_exp, se3_log, transform_points
 from calib.initial_guess.previous_calibration import read_previous_calibration
 from calib.initial_guess.stated_pose import read_pose_guess
@@ -21,8 +19,10 @@ from calib.io import config
 from calib.io.pose_block import pose_from_config, pose_json
 from calib.io.stage_cli import read_json, write_json
 from calib.io.status import InputError
-from calib.io.urdf_file import fixed_joint_transforms, read_urdf_joints, replace_joint_origins
-from export import patch_urdf
+from calib.io.urdf import patch_urdf as patch_urdf_module
+from calib.io.urdf.patch_urdf import patch_urdf
+from calib.io.urdf.sensor_joints import T_BODY_OPTICAL, compute_joint_origins
+from calib.io.urdf.urdf_file import fixed_joint_transforms, read_urdf_joints, replace_joint_origins
 from helpers.small_run import (
     edit_yaml,
     list_job_commands,
@@ -81,6 +81,11 @@ def described(parent="base_link", **poses):
     return ExportScene("husky", parent, np.eye(4), "mocap/robot", sensors)
 
 
+def patch_file(path, scene):
+    """Place the sensors of a scene in the URDF at a path."""
+    return patch_urdf(path, scene.sensors.values(), scene.parent_frame)
+
+
 def robot_of(text):
     return yourdfpy.URDF.load(io.BytesIO(text.encode()), load_meshes=False)
 
@@ -88,7 +93,7 @@ def robot_of(text):
 def patched(text, shown):
     data = text.encode()
     joints = read_urdf_joints(data, "robot.urdf")
-    placed, unplaced = compute_joint_origins(joints, shown)
+    placed, unplaced = compute_joint_origins(joints, shown.sensors.values(), shown.parent_frame)
     return replace_joint_origins(data, joints, placed).decode(), placed, unplaced
 
 
@@ -119,8 +124,8 @@ def test_joints_are_read_as_another_reader_reads_them():
     "text, words",
     [
         ("<robot", "robot.urdf: not valid XML: "),
-        ("<sdf/>", "robot.urdf: its root is <sdf>, that of a URDF is <robot>"),
-        ("<robot><joint name='j'/></robot>", "joint 'j' names no parent or no child link"),
+        ("<sdf/>", "robot.urdf: its root is <sdf>, expected <robot>"),
+        ("<robot><joint name='j'/></robot>", "joint 'j' has no parent link or no child link"),
         (
             ROBOT.replace('<child link="mast"/>', '<child link="velodyne"/>'),
             "robot.urdf: link velodyne is the child of two joints, expected a tree",
@@ -253,10 +258,10 @@ def test_the_first_state_of_the_file_stays_beside_it(tmp_path):
     path = tmp_path / "robot.urdf"
     path.write_text(ROBOT)
     path.chmod(0o640)
-    patch_urdf(path, described(velodyne=T_BASE_LIDAR))
+    patch_file(path, described(velodyne=T_BASE_LIDAR))
     once = path.read_text()
     assert once != ROBOT and (tmp_path / "robot.urdf.before-calibration").read_text() == ROBOT
-    patch_urdf(path, described(velodyne=T_BASE_CAMERA))
+    patch_file(path, described(velodyne=T_BASE_CAMERA))
     assert path.read_text() not in (ROBOT, once)
     assert (tmp_path / "robot.urdf.before-calibration").read_text() == ROBOT
     assert stat.S_IMODE(path.stat().st_mode) == 0o640
@@ -267,7 +272,7 @@ def test_a_file_that_already_holds_the_calibration_is_not_touched(tmp_path):
     path = tmp_path / "robot.urdf"
     path.write_text(patched(ROBOT, described(velodyne=T_BASE_LIDAR))[0])
     before = path.stat()
-    patch_urdf(path, described(velodyne=T_BASE_LIDAR))
+    patch_file(path, described(velodyne=T_BASE_LIDAR))
     assert path.stat().st_mtime_ns == before.st_mtime_ns and path.stat().st_ino == before.st_ino
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -279,16 +284,16 @@ def test_a_write_that_fails_leaves_the_file_whole(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(export.os, "fsync", full)
+    monkeypatch.setattr(patch_urdf_module.os, "fsync", full)
     with pytest.raises(InputError, match="no space left on its disk; free some"):
-        patch_urdf(path, described(velodyne=T_BASE_LIDAR))
+        patch_file(path, described(velodyne=T_BASE_LIDAR))
     assert path.read_text() == ROBOT and len(list(tmp_path.iterdir())) == 1
 
 
 def test_a_link_to_the_file_stays_a_link(tmp_path):
     (tmp_path / "real.urdf").write_text(ROBOT)
     (tmp_path / "robot.urdf").symlink_to("real.urdf")
-    patch_urdf(tmp_path / "robot.urdf", described(velodyne=T_BASE_LIDAR))
+    patch_file(tmp_path / "robot.urdf", described(velodyne=T_BASE_LIDAR))
     assert (tmp_path / "robot.urdf").is_symlink()
     assert (tmp_path / "real.urdf").read_text() != ROBOT
 
@@ -347,7 +352,7 @@ def test_a_urdf_in_which_no_sensor_can_be_placed_ends_the_run_with_the_reason(mo
     assert (
         "robot.urdf: no sensor can be placed in it: camera: no fixed joints lead from base" in last
     )
-    assert "velodyne: no fixed joints lead from base to mast. State export.parent as" in last
+    assert "velodyne: no fixed joints lead from base to mast. Set export.parent to" in last
     assert (mounted / "robot.urdf").read_text() == ROBOT
 
 
@@ -361,7 +366,7 @@ def test_guesses_come_from_the_urdf_as_it_was_before_the_calibration(mounted, mo
     before = list_job_commands(mounted)["guess", "camera"]
     joints = read_urdf_joints(ROBOT.encode(), "")
     shown = described(**{n: pose_from_config(T_BASE_ROBOT) @ T for n, T in result(mounted).items()})
-    patch_urdf(mounted / "robot.urdf", shown)
+    patch_file(mounted / "robot.urdf", shown)
     assert (mounted / "robot.urdf").read_text() != ROBOT
     assert list_job_commands(mounted)["guess", "camera"] == before
     found = mounted / "found.json"

@@ -8,6 +8,7 @@ import pytest
 
 from calib.decoding.stream_clocks import StreamClock, match_streams_to_log
 from calib.geometry.se3 import make_pose, pose_from_rpy, pose_from_xyz_quat, pose_to_quat, se3_exp
+from calib.io.logs.ros_messages import IMAGE_TYPE, make_tf_message
 from calib.io.stage_cli import write_json
 from calib.mocap.body_frame_chains import bodies_in_map
 from calib.mocap.messages.pose_messages import POSE_READERS
@@ -28,7 +29,6 @@ from helpers.log_containers import (
     serialize_cdr,
     write_test_mcap,
 )
-from simulation.ros_log import IMAGE_TYPE, make_tf_message
 
 S = 1_000_000_000
 NOISE = np.repeat([0.0002, np.radians(0.02)], 3)

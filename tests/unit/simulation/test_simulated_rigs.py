@@ -14,6 +14,8 @@ from calib.geometry.se3 import (
     pose_from_xyz_quat,
     transform_points,
 )
+from calib.io.logs.ros_messages import COMPRESSED_IMAGE_TYPE
+from calib.sensors.camera.camera_info_message import make_camera_info_message
 from calib.sensors.camera.camera_model import CAMERA_MODELS, CameraModel
 from calib.sensors.camera.images.image_messages import read_bgr
 from calib.sensors.lidar.clouds import cloud_messages
@@ -22,12 +24,7 @@ from calib.sensors.lidar.clouds.cloud_messages import read_raw_cloud
 from simulate import draw_sessions, parse_simulation_arguments
 from simulation import simulated_rigs
 from simulation.config_and_truth import make_target_config, write_simulated_config
-from simulation.ros_log import (
-    COMPRESSED_IMAGE_TYPE,
-    build_camera_info_factory,
-    make_cloud_message,
-    make_image_message,
-)
+from simulation.ros_log import make_cloud_message, make_image_message
 from simulation.sensors.camera_exposure import (
     N_EXPOSURE_INSTANTS,
     Shutter,
@@ -228,7 +225,7 @@ def test_a_camera_of_every_model_shows_corners_where_its_projection_says(name):
 )
 def test_camera_info_holds_the_parameters_of_the_camera(model, called, count):
     camera = CameraModel(model, simulated_rigs.LENS_PARAMS[model], (900, 700))
-    info = build_camera_info_factory(camera)(STAMP, "left")
+    info = make_camera_info_message(STAMP, "left", camera)
     assert (info.width, info.height, info.distortion_model) == (900, 700, called)
     assert info.d.tolist() == list(camera.params[4:]) and len(info.d) == count
     assert info.k.reshape(3, 3)[[0, 1, 0, 1], [0, 1, 2, 2]].tolist() == list(camera.params[:4])
@@ -237,7 +234,7 @@ def test_camera_info_holds_the_parameters_of_the_camera(model, called, count):
 
 def test_a_model_that_ros_has_no_name_for_comes_without_camera_info():
     camera = CameraModel("double_sphere", simulated_rigs.LENS_PARAMS["double_sphere"], (900, 700))
-    assert build_camera_info_factory(camera) is None
+    assert make_camera_info_message(STAMP, "left", camera) is None
 
 
 def test_a_compressed_image_is_the_image_exactly_as_png_and_nearly_as_jpeg():

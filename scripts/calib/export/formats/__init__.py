@@ -1,1 +1,1 @@
-"""Export formats: format_registry lists them, one file per format."""
+"""Export formats, one module each; format_registry lists them and says what a format must have."""

@@ -1,9 +1,17 @@
-"""Autoware's sensor_kit_calibration.yaml: cameras by their bodies, from which it goes on itself."""
+"""Autoware's sensor_kit_calibration.yaml: lidars, and cameras by their bodies."""
 
+import numpy as np
 import yaml
 
-from calib.export.calibrated_scene import T_BODY_OPTICAL, format_hash_comment, format_worked_point
+from calib.export.calibrated_scene import (
+    ExportScene,
+    ExportSensor,
+    format_hash_comment,
+    format_worked_point,
+)
 from calib.geometry.se3 import invert_pose, pose_to_rpy
+from calib.io.status import Status
+from calib.io.urdf.sensor_joints import T_BODY_OPTICAL
 
 TITLE = "sensor_kit_calibration.yaml of Autoware; its parent is meant to be sensor_kit_base_link"
 CONVENTION = (
@@ -12,23 +20,23 @@ CONVENTION = (
 )
 
 
-def render_files(scene):
-    """sensor_kit_calibration.yaml."""
+def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
+    """Render sensor_kit_calibration.yaml."""
     poses, head = {}, [f"Sensors of rig {scene.rig}: {CONVENTION}."]
     for sensor in scene.sensors.values():
         if sensor.frame == scene.parent_frame:
             continue
-        frame, T = _body_frame_pose(sensor)
+        frame, T = _mounted_frame(sensor)
         numbers = [*T[:3, 3].tolist(), *pose_to_rpy(T).tolist()]
         poses[frame] = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), numbers, strict=True))
         head.append(f"{sensor.name}: {format_worked_point(frame, scene.parent_frame, T)}")
-    head += [f"{n} is left out: {why}" for n, why in sorted(scene.missing_sensor_reasons.items())]
+    head += scene.describe_missing_sensors()
     text = yaml.safe_dump({scene.parent_frame: poses}, sort_keys=False)
     return {"sensor_kit_calibration.yaml": format_hash_comment(head) + text}
 
 
-def _body_frame_pose(sensor):
-    """(frame, T_parent_frame) of what Autoware mounts: of a camera its body."""
+def _mounted_frame(sensor: ExportSensor) -> tuple[str, np.ndarray]:
+    """Return the name and pose (4, 4) of the frame that Autoware mounts: of a camera its body."""
     if sensor.kind != "camera":
         return sensor.frame, sensor.T_parent_sensor
     frame = sensor.body_frame or f"{sensor.name}/camera_link"

@@ -1,17 +1,15 @@
-"""Files that robots load.
+"""List the export formats, and define what a format is.
 
-A format is one module with
-  TITLE       what its files are, and who loads them;
-  CONVENTION  which way its transforms go, in one line, for the index and the files;
-  render(scene)   {file name: text, bytes, or the Status of what it cannot hold}.
-Every file holds its convention and one worked point. What a format cannot say, such as a camera
-model that it has no name for, is a Status with the reason, and nothing is written in its place.
+Every file states its convention and one worked point. A format that cannot express something, such
+as a camera model, gives a failed Status with the reason in place of the content.
 
-To add a format: write calib/export/formats/<name>.py and add it to FORMATS; tests/test_formats.py
-then
-asks for a reader of it.
+To add a format: write calib/export/formats/<name>.py and add it to FORMATS;
+tests/unit/export/test_formats.py then asks for a reader of it.
 """
 
+from typing import Protocol
+
+from calib.export.calibrated_scene import ExportScene
 from calib.export.formats import (
     autoware,
     foxglove,
@@ -26,8 +24,23 @@ from calib.export.formats import (
     urdf,
     xacro,
 )
+from calib.io.status import Status
 
-FORMATS = {
+
+class ExportFormat(Protocol):
+    """A module that writes one format."""
+
+    TITLE: str
+    """What the files are and who loads them."""
+    CONVENTION: str
+    """Which way the transforms go, in one line for README.md and the files."""
+
+    def render_files(self, scene: ExportScene) -> dict[str, str | bytes | Status]:
+        """Render the files by name; a Status says why a file, or a part of it, is missing."""
+        ...
+
+
+FORMATS: dict[str, ExportFormat] = {
     "ros2_static_transforms": ros2_static_transforms,
     "ros2_launch": ros2_launch,
     "urdf": urdf,

@@ -1,14 +1,20 @@
-"""The cameras as a Kalibr camchain, each with its pose against the one before."""
+"""The cameras as a Kalibr camchain, each with its pose relative to the one before."""
+
+from typing import Any
 
 import yaml
 
 from calib.export.calibrated_scene import (
+    ExportScene,
+    ExportSensor,
     format_hash_comment,
     format_worked_pixel,
     format_worked_point,
+    lens_or_status,
 )
 from calib.geometry.se3 import invert_pose
-from calib.io.status import failure_status
+from calib.io.status import Status, failure_status
+from calib.sensors.camera.camera_model import CameraModel
 
 TITLE = "the cameras for Kalibr and what reads its camchains"
 CONVENTION = (
@@ -17,48 +23,64 @@ CONVENTION = (
 )
 
 
-def render_files(scene):
-    """camchain.yaml of the cameras that Kalibr has a model for."""
-    models = {n: convert_to_kalibr_model(s) for n, s in scene.cameras.items()}
-    unsaid = {f"camchain.yaml: {n}": m for n, m in models.items() if not isinstance(m, dict)}
-    used = [s for n, s in scene.cameras.items() if isinstance(models[n], dict)]
-    if not used:
-        return unsaid | {"camchain.yaml": failure_status("no camera that Kalibr has a model for")}
-    chain, head = {}, [f"Cameras of rig {scene.rig}: {CONVENTION}."]
-    for i, sensor in enumerate(used):
-        chain[f"cam{i}"] = models[sensor.name] | _camera_metadata(sensor)
-        head.append(f"cam{i} is {sensor.name}: {format_worked_pixel(sensor)}")
-        if i:
-            T = invert_pose(sensor.T_parent_sensor) @ used[i - 1].T_parent_sensor
-            chain[f"cam{i}"]["T_cn_cnm1"] = T.tolist()
-            head.append(format_worked_point(used[i - 1].frame, sensor.frame, T))
+def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
+    """Render camchain.yaml of the cameras whose model Kalibr has."""
+    blocks = {name: _camera_block(camera) for name, camera in scene.cameras.items()}
+    out: dict[str, str | bytes | Status] = {
+        f"camchain.yaml: {name}": block
+        for name, block in blocks.items()
+        if isinstance(block, Status)
+    }
+    chain: dict[str, dict[str, Any]] = {}
+    head = [f"Cameras of rig {scene.rig}: {CONVENTION}."]
+    previous: ExportSensor | None = None
+    for name, block in blocks.items():
+        if isinstance(block, Status):
+            continue
+        sensor, key = scene.cameras[name], f"cam{len(chain)}"
+        chain[key] = block
+        assert sensor.camera is not None  # it has a block
+        head.append(f"{key} is {name}: {format_worked_pixel(sensor.frame, sensor.camera)}")
+        if previous is not None:
+            T = invert_pose(sensor.T_parent_sensor) @ previous.T_parent_sensor
+            block["T_cn_cnm1"] = T.tolist()
+            head.append(format_worked_point(previous.frame, sensor.frame, T))
+        previous = sensor
+    if not chain:
+        return out | {"camchain.yaml": failure_status("Kalibr has a model for none of the cameras")}
+    first = scene.cameras[next(n for n, b in blocks.items() if not isinstance(b, Status))]
     head.append(
-        f"cam0: {format_worked_point(used[0].frame, scene.parent_frame, used[0].T_parent_sensor)}"
+        f"cam0: {format_worked_point(first.frame, scene.parent_frame, first.T_parent_sensor)}"
     )
     text = yaml.safe_dump(chain, default_flow_style=None, sort_keys=False, width=1000)
-    return {"camchain.yaml": format_hash_comment(head) + text} | unsaid
+    return {"camchain.yaml": format_hash_comment(head) + text} | out
 
 
-def convert_to_kalibr_model(sensor):
-    """Camera and distortion model with their numbers, or the Status of what Kalibr cannot say."""
-    if sensor.camera is None:
-        return failure_status(f"the parameters of {sensor.name} are not in its configuration")
-    fx, fy, cx, cy, *rest = sensor.camera.params
+def _camera_block(sensor: ExportSensor) -> dict[str, Any] | Status:
+    """Make the block of a camera without its pose, or say what Kalibr cannot express."""
+    camera = lens_or_status(sensor)
+    if isinstance(camera, Status):
+        return camera
+    model = convert_to_kalibr_model(sensor.name, camera)
+    if isinstance(model, Status):
+        return model
+    size = list(camera.size_px)
+    return model | {"resolution": size, "rostopic": sensor.topic, "cam_overlaps": []}
+
+
+def convert_to_kalibr_model(name: str, camera: CameraModel) -> dict[str, Any] | Status:
+    """Return Kalibr's camera and distortion model with their numbers, or what it cannot express."""
+    fx, fy, cx, cy, *distortion = camera.params
     pinhole = {"camera_model": "pinhole", "intrinsics": [fx, fy, cx, cy]}
-    if sensor.camera.model == "radtan":
-        if rest[4]:
+    if camera.model == "radtan":
+        if distortion[4]:
             return failure_status(
-                f"Kalibr's radtan has no k3, that of {sensor.name} is {rest[4]:g}"
+                f"Kalibr's radtan has no k3, but {name} has k3 = {distortion[4]:g}"
             )
-        return pinhole | {"distortion_model": "radtan", "distortion_coeffs": rest[:4]}
-    if sensor.camera.model == "kannala_brandt":
-        return pinhole | {"distortion_model": "equidistant", "distortion_coeffs": rest}
-    if sensor.camera.model == "double_sphere":
-        numbers = {"camera_model": "ds", "intrinsics": [*rest, fx, fy, cx, cy]}
-        return numbers | {"distortion_model": "none", "distortion_coeffs": []}
-    return failure_status(f"this version does not write {sensor.camera.model} for Kalibr")
-
-
-def _camera_metadata(sensor):
-    size = list(sensor.camera.size_px)
-    return {"resolution": size, "rostopic": sensor.topic, "cam_overlaps": []}
+        return pinhole | {"distortion_model": "radtan", "distortion_coeffs": distortion[:4]}
+    if camera.model == "kannala_brandt":
+        return pinhole | {"distortion_model": "equidistant", "distortion_coeffs": distortion}
+    if camera.model == "double_sphere":
+        double_sphere = {"camera_model": "ds", "intrinsics": [*distortion, fx, fy, cx, cy]}
+        return double_sphere | {"distortion_model": "none", "distortion_coeffs": []}
+    return failure_status(f"{name}: the Kalibr export does not support {camera.model}")

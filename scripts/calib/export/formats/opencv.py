@@ -3,59 +3,67 @@
 import cv2
 import numpy as np
 
-from calib.export.calibrated_scene import format_worked_pixel
-from calib.io.status import OK, failure_status
+from calib.export.calibrated_scene import (
+    ExportScene,
+    ExportSensor,
+    format_worked_pixel,
+    lens_or_status,
+)
+from calib.io.status import Status, failure_status
+from calib.sensors.camera.camera_model import CameraModel
 
 TITLE = "poses and intrinsics for cv::FileStorage"
 CONVENTION = (
     "T_parent_sensor (4 x 4) maps points of the sensor's frame into parent; for cv::projectPoints "
     "take its inverse; metres, pixels"
 )
-# Functions that take its coefficients, how many there are.
+# By camera model: the functions that take its coefficients, and how many these are.
 OPENCV_CAMERA_MODELS = {"radtan": ("cv", 5), "kannala_brandt": ("cv::fisheye", 4)}
 
 
-def render_files(scene):
-    """opencv.yaml, and why some camera's intrinsics are not in it."""
+def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
+    """Render opencv.yaml, and why the intrinsics of some camera are not in it."""
     flags = cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | cv2.FILE_STORAGE_FORMAT_YAML
     file = cv2.FileStorage("", flags)
     for line in [f"Sensors of rig {scene.rig}: {CONVENTION}.", *scene.describe_worked_points()]:
         file.writeComment(" ".join(line.split()))
     file.write("parent", scene.parent_frame)
     file.startWriteStruct("sensors", cv2.FILE_NODE_SEQ)
+    missing: dict[str, str | bytes | Status] = {}
     for sensor in scene.sensors.values():
         file.startWriteStruct("", cv2.FILE_NODE_MAP)
-        _write_sensor(file, sensor)
+        _write_pose(file, sensor)
+        if sensor.kind == "camera":
+            camera = _opencv_lens_or_status(sensor)
+            if isinstance(camera, Status):
+                missing[f"opencv.yaml: intrinsics of {sensor.name}"] = camera
+            else:
+                _write_intrinsics(file, sensor.frame, camera)
         file.endWriteStruct()
     file.endWriteStruct()
-    unsaid = {
-        f"opencv.yaml: intrinsics of {n}": status
-        for n, s in scene.cameras.items()
-        if not (status := check_opencv_model(s)).ok
-    }
-    return {"opencv.yaml": file.releaseAndGetString()} | unsaid
+    return {"opencv.yaml": file.releaseAndGetString()} | missing
 
 
-def check_opencv_model(sensor):
-    """Whether OpenCV has the camera's model."""
-    if sensor.camera is None:
-        return failure_status(f"the parameters of {sensor.name} are not in its configuration")
-    if sensor.camera.model not in OPENCV_CAMERA_MODELS:
-        return failure_status(f"OpenCV has no functions for {sensor.camera.model}")
-    return OK
+def _opencv_lens_or_status(sensor: ExportSensor) -> CameraModel | Status:
+    """Return the camera model of a camera, or why OpenCV cannot use it."""
+    camera = lens_or_status(sensor)
+    if isinstance(camera, CameraModel) and camera.model not in OPENCV_CAMERA_MODELS:
+        return failure_status(f"OpenCV has no functions for {camera.model}")
+    return camera
 
 
-def _write_sensor(file, sensor):
+def _write_pose(file: cv2.FileStorage, sensor: ExportSensor) -> None:
     for key, value in (("name", sensor.name), ("kind", sensor.kind), ("frame", sensor.frame)):
         file.write(key, value)
     file.write("T_parent_sensor", sensor.T_parent_sensor)
-    if sensor.kind != "camera" or not check_opencv_model(sensor).ok:
-        return
-    functions, count = OPENCV_CAMERA_MODELS[sensor.camera.model]
-    fx, fy, cx, cy, *distortion = sensor.camera.params
-    file.writeComment(format_worked_pixel(sensor))
+
+
+def _write_intrinsics(file: cv2.FileStorage, frame: str, camera: CameraModel) -> None:
+    functions, n_coefficients = OPENCV_CAMERA_MODELS[camera.model]
+    fx, fy, cx, cy, *distortion = camera.params
+    file.writeComment(format_worked_pixel(frame, camera))
     file.write("functions", functions)
-    file.write("image_width", sensor.camera.size_px[0])
-    file.write("image_height", sensor.camera.size_px[1])
+    file.write("image_width", camera.size_px[0])
+    file.write("image_height", camera.size_px[1])
     file.write("camera_matrix", np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]))
-    file.write("distortion_coefficients", np.array([distortion[:count]]))
+    file.write("distortion_coefficients", np.array([distortion[:n_coefficients]]))

@@ -1,10 +1,13 @@
-"""A ROS 2 launch file that publishes the static transforms. XML: it is data and runs no code."""
+"""A ROS 2 launch file that publishes the static transforms, in XML: data that runs no code."""
 
 import shlex
 from xml.etree import ElementTree
 
+from calib.export.calibrated_scene import ExportScene
 from calib.export.formats.xml_document import render_xml_document
 from calib.geometry.se3 import pose_to_quat
+from calib.io.logs.ros_messages import FrameTransform
+from calib.io.status import Status
 
 TITLE = "a launch file with one static_transform_publisher for every frame (`ros2 launch <file>`)"
 CONVENTION = (
@@ -13,26 +16,22 @@ CONVENTION = (
 )
 
 
-def render_files(scene):
-    """static_transforms.launch.xml."""
+def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
+    """Render static_transforms.launch.xml."""
     root = ElementTree.Element("launch")
-    for edge in scene.static_transforms():
-        name = "static_" + "".join(c if c.isalnum() else "_" for c in edge.child)
-        words = [word for pair in _publisher_arguments(edge) for word in pair]
-        args = " ".join(shlex.quote(str(word)) for word in words)
+    for transform in scene.static_transforms():
+        name = "static_" + "".join(c if c.isalnum() else "_" for c in transform.child)
+        args = shlex.join(_publisher_arguments(transform))
         node = {"pkg": "tf2_ros", "exec": "static_transform_publisher", "name": name, "args": args}
         ElementTree.SubElement(root, "node", node)
     head = f"Static transforms of rig {scene.rig} for ROS 2: {CONVENTION}."
-    return {
-        "static_transforms.launch.xml": render_xml_document(
-            root, [head, *scene.describe_worked_points()]
-        )
-    }
+    text = render_xml_document(root, [head, *scene.describe_worked_points()])
+    return {"static_transforms.launch.xml": text}
 
 
-def _publisher_arguments(edge):
-    x, y, z = edge.T_parent_child[:3, 3].tolist()
-    qx, qy, qz, qw = pose_to_quat(edge.T_parent_child).tolist()
+def _publisher_arguments(transform: FrameTransform) -> list[str]:
+    x, y, z = transform.T_parent_child[:3, 3].tolist()
+    qx, qy, qz, qw = pose_to_quat(transform.T_parent_child).tolist()
     pose = {"x": x, "y": y, "z": z, "qx": qx, "qy": qy, "qz": qz, "qw": qw}
-    frames = {"frame-id": edge.parent, "child-frame-id": edge.child}
-    return [(f"--{key}", value) for key, value in (pose | frames).items()]
+    frames = {"frame-id": transform.parent, "child-frame-id": transform.child}
+    return [word for key, value in (pose | frames).items() for word in (f"--{key}", str(value))]

@@ -1,9 +1,14 @@
-"""/tf_static of each recording as an MCAP that opens beside it: stamped at its first message, and
-hung on the robot's MCS body, which the recording's own /tf moves about."""
+"""/tf_static of each recording as an MCAP that opens beside it.
 
-from calib.export.calibrated_scene import StaticTransform, format_worked_point
-from calib.export.mcap_writer import encode_mcap, make_static_tf_message
+It is stamped at the recording's first message. Its root is the robot's MCS body, which the
+recording's own /tf moves.
+"""
+
+from calib.export.calibrated_scene import ExportScene, ExportSession, format_worked_point
+from calib.export.export_mcap import encode_mcap, make_static_tf_message
 from calib.geometry.se3 import invert_pose
+from calib.io.logs.ros_messages import FrameTransform
+from calib.io.status import Status
 
 TITLE = "/tf_static to open beside a recording, in Foxglove or with `ros2 bag play`; latched"
 CONVENTION = (
@@ -12,32 +17,29 @@ CONVENTION = (
 )
 
 
-def render_files(scene):
-    """tf_static_<session>.mcap of every session."""
+def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
+    """Render tf_static_<session>.mcap of every session."""
     return {
         f"tf_static_{n}.mcap": _render_tf_static_mcap(scene, s) for n, s in scene.sessions.items()
     }
 
 
-def _render_tf_static_mcap(scene, session):
-    edges = list_session_transforms(scene, session)
-    points = "\n".join(format_worked_point(e.child, e.parent, e.T_parent_child) for e in edges)
-    about = {"convention": CONVENTION, "worked_point": points}
-    return encode_mcap([make_static_tf_message(session.start_ns, edges)], about)
+def _render_tf_static_mcap(scene: ExportScene, session: ExportSession) -> bytes:
+    transforms = list_session_transforms(scene, session)
+    worked = "\n".join(format_worked_point(t.child, t.parent, t.T_parent_child) for t in transforms)
+    about = {"convention": CONVENTION, "worked_point": worked}
+    return encode_mcap([make_static_tf_message(session.start_ns, transforms)], about)
 
 
-def list_session_transforms(scene, session):
-    """The frames of a scene below the robot's body, as it was in a session."""
+def list_session_transforms(scene: ExportScene, session: ExportSession) -> list[FrameTransform]:
+    """List the frames below the robot's MCS body, where the body was mounted in a session."""
+    transforms = scene.static_transforms()
     T_body_parent = invert_pose(scene.T_parent_robot @ session.T_robot_body)
-    if scene.parent_frame == scene.robot_body:
-        # The recording moves a frame of that name: sensors hang on it where it then was.
-        first = [e for e in scene.static_transforms() if e.parent == scene.parent_frame]
-        rest = [e for e in scene.static_transforms() if e.parent != scene.parent_frame]
-        return [
-            StaticTransform(scene.robot_body, e.child, T_body_parent @ e.T_parent_child, e.sensor)
-            for e in first
-        ] + rest
+    if scene.parent_frame != scene.robot_body:
+        return [FrameTransform(scene.robot_body, scene.parent_frame, T_body_parent), *transforms]
+    # The recording moves a frame of that name: the sensors hang on it where it was then.
     return [
-        StaticTransform(scene.robot_body, scene.parent_frame, T_body_parent, ""),
-        *scene.static_transforms(),
-    ]
+        FrameTransform(scene.robot_body, t.child, T_body_parent @ t.T_parent_child)
+        for t in transforms
+        if t.parent == scene.parent_frame
+    ] + [t for t in transforms if t.parent != scene.parent_frame]

@@ -2,8 +2,10 @@
 
 from xml.etree import ElementTree
 
+from calib.export.calibrated_scene import ExportScene
 from calib.export.formats.xml_document import render_xml_document
-from calib.io.urdf_file import origin_attributes
+from calib.io.status import Status
+from calib.io.urdf.urdf_file import origin_attributes
 
 TITLE = "a URDF of the sensors alone, to look at or to copy joints from"
 CONVENTION = (
@@ -12,8 +14,8 @@ CONVENTION = (
 )
 
 
-def render_files(scene):
-    """sensors.urdf."""
+def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
+    """Render sensors.urdf."""
     root = ElementTree.Element("robot", name=scene.rig)
     ElementTree.SubElement(root, "link", name=scene.parent_frame)
     add_urdf_joints(root, scene)
@@ -21,11 +23,12 @@ def render_files(scene):
     return {"sensors.urdf": render_xml_document(root, [head, *scene.describe_worked_points()])}
 
 
-def add_urdf_joints(element, scene):
-    """Add a link and a fixed joint to an XML element for every frame below the parent's."""
-    for edge in scene.static_transforms():
-        ElementTree.SubElement(element, "link", name=edge.child)
-        joint = ElementTree.SubElement(element, "joint", name=f"{edge.child}_joint", type="fixed")
-        ElementTree.SubElement(joint, "parent", link=edge.parent)
-        ElementTree.SubElement(joint, "child", link=edge.child)
-        ElementTree.SubElement(joint, "origin", origin_attributes(edge.T_parent_child))
+def add_urdf_joints(element: ElementTree.Element, scene: ExportScene) -> None:
+    """Add a link and a fixed joint to an XML element for every frame below the parent."""
+    for transform in scene.static_transforms():
+        child = transform.child
+        ElementTree.SubElement(element, "link", name=child)
+        joint = ElementTree.SubElement(element, "joint", name=f"{child}_joint", type="fixed")
+        ElementTree.SubElement(joint, "parent", link=transform.parent)
+        ElementTree.SubElement(joint, "child", link=child)
+        ElementTree.SubElement(joint, "origin", origin_attributes(transform.T_parent_child))

@@ -3,9 +3,11 @@
 import re
 from xml.etree import ElementTree
 
+from calib.export.calibrated_scene import ExportScene
 from calib.export.formats import urdf
 from calib.export.formats.urdf import add_urdf_joints
 from calib.export.formats.xml_document import render_xml_document
+from calib.io.status import Status
 
 TITLE = (
     'a xacro macro: include it and write <xacro:calibrated_sensors/>, with parent="…" where your '
@@ -16,13 +18,12 @@ XACRO_NAMESPACE = "http://www.ros.org/wiki/xacro"
 PLAIN_NAME_PATTERN = re.compile(r"[\w/.-]+")
 
 
-def render_files(scene):
-    """sensors.urdf.xacro."""
+def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
+    """Render sensors.urdf.xacro."""
     ElementTree.register_namespace("xacro", XACRO_NAMESPACE)
     root = ElementTree.Element("robot")
-    default = (
-        f":='{scene.parent_frame}'" if PLAIN_NAME_PATTERN.fullmatch(scene.parent_frame) else ""
-    )
+    has_plain_name = PLAIN_NAME_PATTERN.fullmatch(scene.parent_frame)
+    default = f":='{scene.parent_frame}'" if has_plain_name else ""
     attributes = {"name": "calibrated_sensors", "params": f"parent{default}"}
     macro = ElementTree.SubElement(root, f"{{{XACRO_NAMESPACE}}}macro", attributes)
     add_urdf_joints(macro, scene)
@@ -30,13 +31,12 @@ def render_files(scene):
         if element is not macro:
             _escape_attributes(element, scene.parent_frame)
     head = f"Sensors of rig {scene.rig}: {CONVENTION}."
-    return {
-        "sensors.urdf.xacro": render_xml_document(root, [head, *scene.describe_worked_points()])
-    }
+    text = render_xml_document(root, [head, *scene.describe_worked_points()])
+    return {"sensors.urdf.xacro": text}
 
 
-def _escape_attributes(element, parent):
-    """Make the parent's name the macro's parameter; no other name is an expression."""
+def _escape_attributes(element: ElementTree.Element, parent: str) -> None:
+    """Escape names that xacro would evaluate, and make the parent's name the macro's parameter."""
     for key, value in element.attrib.items():
         element.set(key, re.sub(r"\$+(?=[{(])", lambda m: 2 * m[0], value))
     if element.tag == "parent" and element.get("link") == parent:

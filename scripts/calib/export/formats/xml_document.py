@@ -1,12 +1,13 @@
-"""XML with comments, as ElementTree writes it."""
+"""Render XML documents with comments."""
 
+from collections.abc import Iterable
 from xml.etree import ElementTree
 
 
-def render_xml_document(root, lines):
-    """Text of an XML document with comment lines on its top."""
+def render_xml_document(root: ElementTree.Element, lines: Iterable[str]) -> str:
+    """Render an XML document with comment lines at its top."""
     # Two hyphens would end a comment.
-    about = [" ".join(line.split()).replace("--", "- -") for line in lines]
+    comments = [" ".join(line.split()).replace("--", "- -") for line in lines]
     ElementTree.indent(root)
-    head = "".join(f"<!-- {line} -->\n" for line in about)
+    head = "".join(f"<!-- {comment} -->\n" for comment in comments)
     return f'<?xml version="1.0"?>\n{head}{ElementTree.tostring(root, encoding="unicode")}\n'

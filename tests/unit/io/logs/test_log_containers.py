@@ -12,6 +12,7 @@ import zstandard
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 
+from calib.io.logs import ros_messages
 from calib.io.logs.decompression import (
     TooLargeError,
     decompress_bzip2,
@@ -19,11 +20,10 @@ from calib.io.logs.decompression import (
     decompress_zstd,
 )
 from calib.io.logs.open_log import find_log_files, fingerprint_log, open_log, require_same_log
+from calib.io.logs.ros_messages import COMPRESSED_IMAGE_TYPE, IMAGE_TYPE, TF_TYPE, make_tf_message
 from calib.io.status import InputError
 from helpers.log_containers import SQLITE_PLUGIN, make_container_rows, write_rosbag2
 from helpers.real_data import find_shared_data
-from simulation import ros_log
-from simulation.ros_log import COMPRESSED_IMAGE_TYPE, IMAGE_TYPE, TF_TYPE, make_tf_message
 
 MS = 1_000_000
 
@@ -46,12 +46,12 @@ def write(path, rows, **options):
     with open(path, "wb") as stream:
         writer = Writer(stream, **options)
         writer.start(profile="ros2", library="test")
-        text = ros_log.ROS2_TYPES.generate_msgdef(TF_TYPE, ros_version=2)[0].encode()
+        text = ros_messages.ROS2_TYPES.generate_msgdef(TF_TYPE, ros_version=2)[0].encode()
         schema = writer.register_schema(TF_TYPE, "ros2msg", text)
         topics = sorted({topic for _, topic, _ in rows})
         channels = {topic: writer.register_channel(topic, "cdr", schema) for topic in topics}
         for log_t, topic, number in rows:
-            data = bytes(ros_log.ROS2_TYPES.serialize_cdr(pose_message(number), TF_TYPE))
+            data = bytes(ros_messages.ROS2_TYPES.serialize_cdr(pose_message(number), TF_TYPE))
             writer.add_message(channels[topic], log_t, data, log_t)
         writer.finish()
     return path
@@ -180,7 +180,7 @@ def undefined(path, name, data, encoding="cdr", form="", text=b""):
 
 
 def test_a_type_that_ros_ships_needs_no_definition(tmp_path):
-    data = bytes(ros_log.ROS2_TYPES.serialize_cdr(pose_message(7), TF_TYPE))
+    data = bytes(ros_messages.ROS2_TYPES.serialize_cdr(pose_message(7), TF_TYPE))
     log = undefined(tmp_path / "a.mcap", TF_TYPE, data)
     assert numbers(log, ["/topic"]) == [7]
 
@@ -228,12 +228,12 @@ def test_a_message_that_does_not_fit_its_definition_is_refused_with_its_type(tmp
 
 @pytest.mark.parametrize("little_endian", [True, False])
 def test_the_header_of_a_message_is_read_without_the_rest(tmp_path, little_endian):
-    image = ros_log.ROS2_TYPES.types[COMPRESSED_IMAGE_TYPE](
-        header=ros_log._make_header(5_000_000_007, "camera"),
+    image = ros_messages.ROS2_TYPES.types[COMPRESSED_IMAGE_TYPE](
+        header=ros_messages.make_ros_header(5_000_000_007, "camera"),
         format="jpeg",
         data=np.zeros(9, np.uint8),
     )
-    data = ros_log.ROS2_TYPES.serialize_cdr(
+    data = ros_messages.ROS2_TYPES.serialize_cdr(
         image, COMPRESSED_IMAGE_TYPE, little_endian=little_endian
     )
     log = undefined(tmp_path / "a.mcap", COMPRESSED_IMAGE_TYPE, bytes(data)[:-9])
@@ -245,9 +245,9 @@ def test_a_type_named_without_msg_is_read_like_one_with_it(tmp_path):
     with open(tmp_path / "a.mcap", "wb") as stream:
         writer = Writer(stream)
         writer.start()
-        text = ros_log.ROS2_TYPES.generate_msgdef(TF_TYPE, ros_version=2)[0].encode()
+        text = ros_messages.ROS2_TYPES.generate_msgdef(TF_TYPE, ros_version=2)[0].encode()
         schema = writer.register_schema("tf2_msgs/TFMessage", "ros2msg", text)
-        data = bytes(ros_log.ROS2_TYPES.serialize_cdr(pose_message(7), TF_TYPE))
+        data = bytes(ros_messages.ROS2_TYPES.serialize_cdr(pose_message(7), TF_TYPE))
         writer.add_message(writer.register_channel("/tf", "cdr", schema), 5, data, 5)
         writer.finish()
     log = open_log(str(tmp_path / "a.mcap"))

@@ -8,15 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
+from calib.io.logs import ros_messages
 from calib.io.logs.message_types import MessageTypes
+from calib.io.logs.ros_messages import LIVOX_TYPE
 from calib.io.status import InputError
 from helpers.log_containers import make_ros2_message
-from simulation import ros_log
-from simulation.ros_log import LIVOX_TYPE
 
 NAME, POINT = LIVOX_TYPE, "livox_ros_driver2/msg/CustomPoint"
-STORES = {"cdr": ros_log.ROS2_TYPES, "ros1": get_typestore(Stores.ROS1_NOETIC)}
-STORES["ros1"].register({k: ros_log.ROS2_TYPES.fielddefs[k] for k in (NAME, POINT)})
+STORES = {"cdr": ros_messages.ROS2_TYPES, "ros1": get_typestore(Stores.ROS1_NOETIC)}
+STORES["ros1"].register({k: ros_messages.ROS2_TYPES.fielddefs[k] for k in (NAME, POINT)})
 FIELDS = ("offset_time", "x", "y", "z", "reflectivity", "tag", "line")
 
 
@@ -26,12 +26,12 @@ def message(n, frame="livox"):
     xyz = rng.normal(0, 9, (n, 3)).astype(np.float32).tolist()
     whole = rng.integers(0, 2**32, n).tolist(), rng.integers(0, 256, (n, 3)).tolist()
     points = [
-        ros_log.ROS2_TYPES.types[POINT](**dict(zip(FIELDS, (t, *p, *small), strict=True)))
+        ros_messages.ROS2_TYPES.types[POINT](**dict(zip(FIELDS, (t, *p, *small), strict=True)))
         for p, t, small in zip(xyz, *whole, strict=True)
     ]
     stamp = make_ros2_message("builtin_interfaces/msg/Time", sec=1_700_000_000, nanosec=123_456_789)
     header = make_ros2_message("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
-    return ros_log.ROS2_TYPES.types[NAME](
+    return ros_messages.ROS2_TYPES.types[NAME](
         header=header, timebase=2**63 + 5, point_num=n, lidar_id=7,
         rsvd=np.arange(3, dtype=np.uint8), points=points,
     )  # fmt: skip
@@ -41,7 +41,7 @@ def serialised(found, form):
     """Bytes of a message: CDR of either byte order, or ROS 1."""
     if form != "ros1":
         little = form == "cdr, little-endian"
-        return bytes(ros_log.ROS2_TYPES.serialize_cdr(found, NAME, little_endian=little))
+        return bytes(ros_messages.ROS2_TYPES.serialize_cdr(found, NAME, little_endian=little))
     types = STORES["ros1"].types
     header = types["std_msgs/msg/Header"](
         seq=3, stamp=found.header.stamp, frame_id=found.header.frame_id
@@ -100,5 +100,5 @@ def test_a_scan_of_24000_points_takes_a_fifth_of_the_time_that_objects_take_or_l
             times.append(time.process_time() - begin)
         return min(times)
 
-    objects = fastest(lambda: ros_log.ROS2_TYPES.deserialize_cdr(data, NAME))
+    objects = fastest(lambda: ros_messages.ROS2_TYPES.deserialize_cdr(data, NAME))
     assert fastest(lambda: read.decode(data)) < objects / 5

@@ -14,8 +14,8 @@ from calib.sensors.camera.camera_info import (
     camera_block_from_info,
     is_rectified_topic,
 )
+from calib.sensors.camera.camera_info_message import make_camera_info_message
 from calib.sensors.camera.camera_model import CameraModel
-from simulation.ros_log import build_camera_info_factory
 
 STAMP = 1_700_000_000_000_000_000
 K = [800.0, 0, 450, 0, 790, 350, 0, 0, 1]
@@ -150,7 +150,7 @@ def test_what_the_simulator_publishes_comes_back():
         "radtan", (802.3, 801.1, 452.6, 347.9, -0.1, 0.02, 0.001, -0.002), (900, 700)
     )
     block, _ = camera_block_from_info(
-        build_camera_info_factory(lens)(STAMP, "left"), rectified=False
+        make_camera_info_message(STAMP, "left", lens), rectified=False
     )
     assert CameraModel(block["model"], tuple(block["params"]), tuple(block["size_px"])) == lens
 

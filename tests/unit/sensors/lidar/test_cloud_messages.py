@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calib.io.logs import ros_messages
 from calib.io.logs.message_headers import header_stamp_ns
 from calib.io.logs.message_types import MessageTypes
 from calib.io.status import MessageError
 from calib.sensors.lidar.clouds import cloud_messages, pointcloud2
 from calib.sensors.lidar.clouds.cloud_layout import CloudLayout, infer_cloud_layout
 from calib.sensors.lidar.clouds.cloud_messages import read_raw_cloud
-from simulation import ros_log
 from simulation.ros_log import SPECIAL_CLOUD_MESSAGES, make_cloud_message
 from simulation.sensors.cloud_formats import CLOUD_FORMATS, Echoes
 from simulation.sensors.scan_patterns import SCAN_PATTERNS
@@ -223,9 +223,9 @@ def logged(message):
     """A message as a log gives it."""
     name, types = message.__msgtype__, MessageTypes("a log")
     types.add_definition(
-        name, "ros2msg", ros_log.ROS2_TYPES.generate_msgdef(name, ros_version=2)[0]
+        name, "ros2msg", ros_messages.ROS2_TYPES.generate_msgdef(name, ros_version=2)[0]
     )
-    data = bytearray(ros_log.ROS2_TYPES.serialize_cdr(message, name))  # one that tests may change
+    data = bytearray(ros_messages.ROS2_TYPES.serialize_cdr(message, name))  # one that tests may change
     return types.make_codec(name, "cdr").decode(data)
 
 
