@@ -225,7 +225,9 @@ def logged(message):
     types.add_definition(
         name, "ros2msg", ros_messages.ROS2_TYPES.generate_msgdef(name, ros_version=2)[0]
     )
-    data = bytearray(ros_messages.ROS2_TYPES.serialize_cdr(message, name))  # one that tests may change
+    data = bytearray(
+        ros_messages.ROS2_TYPES.serialize_cdr(message, name)
+    )  # one that tests may change
     return types.make_codec(name, "cdr").decode(data)
 
 
