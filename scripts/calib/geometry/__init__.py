@@ -1,3 +1,10 @@
-"""Geometry without files: rigid motions (se3), frames connected by transforms (frame_graph),
-polygons, ICP, the angular reach of an uncertain pose (pose_margin), elementwise branches for NumPy or
-CasADi, and factors between units (units)."""
+"""Geometry without files.
+
+se3              rigid motions, their exponential and covariance
+frame_graph      frames joined by transforms
+polygon          distances to a polygon of the plane
+icp              registration of a template to a scan
+pose_margin      angular reach of an uncertain pose
+numpy_or_casadi  elementwise branches for NumPy arrays and CasADi expressions
+units            factors between units
+"""

@@ -1,23 +1,26 @@
-"""Signed distances to a simple polygon in the plane."""
+"""Distances to and containment in a simple polygon of the plane.
+
+An outline is (m, 2): its vertices in order, m, without repeating the first.
+"""
 
 import numpy as np
 
 
-def signed_polygon_distance(vertices, p):
-    """Distance (n,), m, of points p (n, 2) to the outline (m, 2): negative inside."""
+def signed_polygon_distance(vertices: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Return the distances (n,), m, of points p (n, 2) to the outline; negative inside."""
     x, y = p.T
     nearest = np.full(len(p), np.inf)
     for (ax, ay), (bx, by) in zip(vertices, np.roll(vertices, -1, 0), strict=True):
         dx, dy = bx - ax, by - ay
         fraction = np.clip(((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy), 0, 1)
-        away_x, away_y = x - ax - fraction * dx, y - ay - fraction * dy
-        nearest = np.minimum(nearest, away_x * away_x + away_y * away_y)
+        offset_x, offset_y = x - ax - fraction * dx, y - ay - fraction * dy
+        nearest = np.minimum(nearest, offset_x * offset_x + offset_y * offset_y)
     nearest = np.sqrt(nearest)
     return np.where(polygon_contains(vertices, p), -nearest, nearest)
 
 
-def polygon_contains(vertices, p):
-    """Whether points p (n, 2) lie inside the outline (m, 2), by counting crossings."""
+def polygon_contains(vertices: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Return whether points p (n, 2) lie inside the outline, (n,) bool, by ray casting."""
     x, y = p.T
     inside = np.zeros(len(p), bool)
     for (ax, ay), (bx, by) in zip(vertices, np.roll(vertices, -1, 0), strict=True):
@@ -26,22 +29,21 @@ def polygon_contains(vertices, p):
     return inside
 
 
-def nearest_polygon_edge(vertices, p, edge=None):
-    """Index (n,) of the outline edge nearest to p (n, 2), and the fraction (n,) along its line.
+def nearest_polygon_edge(vertices: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the index (n,) of the edge nearest to each point p (n, 2), and the position along it.
 
-    edge (n,): edges to use instead of the nearest.
+    The position (n,) is the fraction from the edge's first vertex to its second, not clipped.
     """
     along = np.roll(vertices, -1, 0) - vertices
     offset = p[:, None, :] - vertices
-    free = (offset * along).sum(-1) / (along * along).sum(-1)
-    if edge is None:
-        clipped = np.clip(free, 0, 1)
-        edge = np.linalg.norm(offset - clipped[..., None] * along, axis=-1).argmin(1)
-    return edge, free[np.arange(len(p)), edge]
+    fraction = (offset * along).sum(-1) / (along * along).sum(-1)
+    clipped = np.clip(fraction, 0, 1)
+    edge = np.linalg.norm(offset - clipped[..., None] * along, axis=-1).argmin(1)
+    return edge, fraction[np.arange(len(p)), edge]
 
 
-def sample_polygon_outline(vertices, spacing):
-    """Points (n, 2) on the outline (m, 2), spacing m apart or a little less."""
+def sample_polygon_outline(vertices: np.ndarray, spacing: float) -> np.ndarray:
+    """Return points (n, 2) on the outline, at most `spacing` (m) apart."""
     sides = np.roll(vertices, -1, 0) - vertices
     counts = np.ceil(np.linalg.norm(sides, axis=1) / spacing).astype(int)
     steps = [
