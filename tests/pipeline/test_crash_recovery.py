@@ -53,7 +53,7 @@ FILL = """
         filler.write(bytes(disk.f_bavail * disk.f_bsize - {free}))
 """
 VICTIMS = {"job": ("kill", "os.getpid()"), "run": ("killpg", "0")}
-FULL = "no space left on its disk; free some and run again"
+FULL = "no space left on the disk. Free some space and run again"
 # In a namespace of its own: a run on a small disk, which fills; and one when there is room again.
 DISK = """
 set -e

@@ -1,8 +1,9 @@
-"""Files and folders that are there whole or not at all."""
+"""Atomic writes: a file or folder is complete or absent."""
 
 import errno
 import os
 import shutil
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -12,11 +13,11 @@ DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT)
 
 
 @contextmanager
-def atomic_write(path):
-    """A path beside `path` to write to, which takes its place when all is written.
+def atomic_write(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path`; it replaces `path` when the block ends without error.
 
-    Raises InputError where it cannot be written, as on a full disk; nothing is left behind then.
-    What a killed job leaves beside it, the next one takes for its own.
+    Raises InputError if the file cannot be written, for example on a full disk. Nothing is left
+    behind then. A temporary file left by a killed job is overwritten by the next one.
     """
     path, part = Path(path), _part_path(path)
     try:
@@ -30,17 +31,17 @@ def atomic_write(path):
             part.unlink()
 
 
-def write_file(path, content):
-    """Write a text or bytes as one whole file."""
+def write_file(path: str | Path, content: str | bytes) -> None:
+    """Write text (UTF-8) or bytes as one complete file."""
     with atomic_write(path) as part:
         part.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 @contextmanager
-def atomic_folder(path):
-    """An empty folder beside `path` to fill, which takes its place when all is in it.
+def atomic_folder(path: str | Path) -> Iterator[Path]:
+    """Yield an empty temporary folder beside `path`; it replaces `path` when the block ends.
 
-    What stood there is removed first. Raises as `whole`.
+    The old folder is removed first. Raises InputError like atomic_write.
     """
     path, part = Path(path), _part_path(path)
     try:
@@ -54,20 +55,20 @@ def atomic_folder(path):
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _part_path(path):
+def _part_path(path: str | Path) -> Path:
     return Path(path).with_name(f".{Path(path).name}.part")
 
 
-def remove_folder(path):
-    """Remove a folder, if it is there, and what a killed job began of it."""
-    for folder in (path, _part_path(path)):
+def remove_folder(path: str | Path) -> None:
+    """Remove a folder if it exists, and the temporary folder that a killed job left beside it."""
+    for folder in (Path(path), _part_path(path)):
         if folder.exists():
             shutil.rmtree(folder)
 
 
-def _write_error_message(path, error):
-    """In words, what keeps a path from being written."""
+def _write_error_message(path: Path, error: OSError) -> str:
+    """Return what keeps a path from being written, and what to do."""
     if error.errno in DISK_FULL_ERRNOS:
-        return f"{path}: no space left on its disk; free some and run again"
-    words = os.strerror(error.errno) if error.errno else error
-    return f"{path}: cannot be written ({words}); mend that and run again"
+        return f"{path}: no space left on the disk. Free some space and run again."
+    cause = os.strerror(error.errno) if error.errno else error
+    return f"{path}: cannot be written ({cause}). Fix the cause and run again."

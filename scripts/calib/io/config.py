@@ -1,11 +1,14 @@
-"""What users write, loaded, validated and completed once, at the workflow's edge.
+"""Config files: loaded, checked against their schemas and completed with defaults.
 
-Defaults live in the schemas alone. An unknown key is refused with its path and the nearest name.
+Defaults are defined in the schemas alone (workflow/schemas). Unknown keys are refused with their
+path and the nearest known name.
 """
 
 import hashlib
+from collections.abc import Collection, Iterable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import jsonschema
 import yaml
@@ -14,14 +17,13 @@ from calib.io.safe_yaml import load_yaml
 from calib.io.status import InputError, did_you_mean
 
 SCHEMA_FOLDER = Path(__file__).parents[3] / "workflow" / "schemas"
-MAX_MESSAGE_CHARS = 500  # characters of what is said of a wrong value, which may be long itself
+MAX_MESSAGE_CHARS = 500  # a message may quote a wrong value, which may be long
 MAX_ABS_NUMBER = 1e18
-UNKNOWN_MOUNT_SIGMA_M, UNKNOWN_MOUNT_SIGMA_DEG = (
-    0.1,
-    20,
-)  # alignment_sigma of a target from which its mount counts as unknown
+# A target with a larger alignment_sigma is treated as one whose mount is unknown.
+UNKNOWN_MOUNT_SIGMA_M, UNKNOWN_MOUNT_SIGMA_DEG = 0.1, 20
 
-RENAMED_KEYS = {  # of config.yaml: former name -> name today
+# Keys of config.yaml: former name -> name today.
+RENAMED_KEYS = {
     "crop.max_moving": "crop.max_moving_views",
     "guess.enough_images": "guess.max_pattern_images",
     "guess.found_sigma": "guess.min_sigma_from_data",
@@ -44,15 +46,19 @@ RENAMED_KEYS = {  # of config.yaml: former name -> name today
     "solve.estimate.beams": "solve.estimate.lidar_corrections",
 }
 
+Config: TypeAlias = dict[str, Any]
+
 
 @cache
-def load_schema(kind):
-    """The JSON Schema of config, rig, target, calibration or verdict."""
+def load_schema(kind: str) -> Config:
+    """Return the JSON Schema of "config", "rig", "target", "calibration" or "verdict"."""
     return yaml.safe_load((SCHEMA_FOLDER / f"{kind}.schema.yaml").read_text())
 
 
-def _fill_and_check(validator, properties, instance, parent_schema):
-    """Set the defaults of absent properties, then check them as jsonschema does."""
+def _fill_and_check(
+    validator: Any, properties: Config, instance: Any, parent_schema: Config
+) -> Iterator[jsonschema.ValidationError]:
+    """Set the defaults of missing keys, then check the keys as jsonschema does."""
     if isinstance(instance, dict):
         for name, sub in properties.items():
             if "default" in sub and name not in instance:
@@ -67,10 +73,11 @@ DefaultsValidator = jsonschema.validators.extend(
 )
 
 
-def validate_and_complete(kind, instance, file_name):
-    """`instance` with every default in place; `where` names the file in messages.
+def validate_and_complete(kind: str, instance: Any, file_name: str | Path) -> Config:
+    """Fill the defaults of a schema into `instance` and return it.
 
-    Raises InputError with the path of the first wrong key, what is wrong, and the remedy.
+    kind: name of the schema; file_name: named in messages. Raises InputError with the path of
+    the first wrong key, what is wrong with it and what to do.
     """
     if not isinstance(instance, dict):
         raise InputError(f"{file_name}: holds {type(instance).__name__}, expected keys and values")
@@ -79,20 +86,20 @@ def validate_and_complete(kind, instance, file_name):
     _require_finite(instance, file_name)
     found = DefaultsValidator(load_schema(kind)).iter_errors(instance)
     errors = sorted(found, key=lambda e: list(map(str, e.path)))
-    # A wrong kind or shape comes before what its own schema would have said.
+    # A wrong kind or shape is reported before the errors by the schema of that kind.
     errors = [e for e in errors if not {"then", "else"} & set(e.schema_path)] or errors
     if errors:
-        raise InputError(
-            f"{file_name}: {_explain_error(jsonschema.exceptions.best_match(errors))[:MAX_MESSAGE_CHARS]}"
-        )
+        message = _explain_error(jsonschema.exceptions.best_match(errors))
+        raise InputError(f"{file_name}: {message[:MAX_MESSAGE_CHARS]}")
     return instance
 
 
-def _refuse_renamed_keys(config, file_name):
+def _refuse_renamed_keys(config: Config, file_name: str | Path) -> None:
     """Raise InputError that lists the former keys of a config.yaml with their names today."""
     renamed = []
     for old, new in RENAMED_KEYS.items():
-        block, (*parents, key) = config, old.split(".")
+        *parents, key = old.split(".")
+        block: Any = config
         for name in parents:
             block = block.get(name) if isinstance(block, dict) else None
         if isinstance(block, dict) and key in block:
@@ -101,30 +108,35 @@ def _refuse_renamed_keys(config, file_name):
         raise InputError(f"{file_name}: renamed keys: {'; '.join(renamed)}. Use the new names.")
 
 
-def _require_finite(value, file_name, key_path=()):
-    """Raise InputError for a number that is none, or that no float can hold."""
-    inside = value.items() if isinstance(value, dict) else ()
-    inside = enumerate(value) if isinstance(value, list) else inside
-    for key, part in inside:
+def _require_finite(value: Any, file_name: str | Path, key_path: tuple[str, ...] = ()) -> None:
+    """Raise InputError for a number that is infinite, not a number, or too large."""
+    items: Iterable[tuple[Any, Any]] = ()
+    if isinstance(value, dict):
+        items = value.items()
+    elif isinstance(value, list):
+        items = enumerate(value)
+    for key, part in items:
         _require_finite(part, file_name, (*key_path, str(key)))
     if isinstance(value, int | float) and not abs(value) < MAX_ABS_NUMBER:
         raise InputError(
-            f"{file_name}: {'.'.join(key_path)}: {str(value)[:20]} is no number that any has"
+            f"{file_name}: {'.'.join(key_path)}: {str(value)[:20]} is not a finite number below "
+            f"{MAX_ABS_NUMBER:g}"
         )
 
 
-def default_config_blocks():
-    """The blocks of config.yaml by name as they are where nothing is stated."""
-    least = {"sessions": {"any": {"rig": "any", "log": "any"}}}
-    found = validate_and_complete("config", least, "defaults")
-    return {k: v for k, v in found.items() if k != "sessions"}
+def default_config_blocks() -> Config:
+    """Return the blocks of config.yaml by name, with their defaults."""
+    minimal_config = {"sessions": {"any": {"rig": "any", "log": "any"}}}
+    complete = validate_and_complete("config", minimal_config, "defaults")
+    return {k: v for k, v in complete.items() if k != "sessions"}
 
 
-def _explain_error(error):
+def _explain_error(error: jsonschema.ValidationError) -> str:
+    """Return the path of a wrong key, what is wrong with it and what to do."""
     path = ".".join(str(p) for p in error.absolute_path) or "top level"
     if error.validator == "additionalProperties":
         allowed = sorted(error.schema.get("properties", {}))
-        # YAML reads 007, on and 2026-03-01 as keys that are no text.
+        # YAML reads 007, on and 2026-03-01 as keys that are not text.
         unknown = sorted(str(k) for k in error.instance if k not in allowed)[0]
         return f"{path}: unknown key {unknown}. {_suggest_name(unknown, allowed)}"
     if error.validator == "required":
@@ -136,15 +148,20 @@ def _explain_error(error):
     if error.validator == "not" and "description" in error.validator_value:
         return f"{path}: {error.validator_value['description']}"
     if error.validator == "not":
-        return f"{path}: {error.instance} is a reserved name; choose another"
+        return f"{path}: {error.instance} is a reserved name. Choose another name."
     if error.validator == "pattern":
-        remedy = "use a-z, 0-9, _ and -, first a letter or digit, 64 at most"
-        return f"{path}: {error.instance!r} is no name; {remedy}"
+        remedy = "Use at most 64 of a-z, 0-9, _ and -, and begin with a letter or digit."
+        return f"{path}: {error.instance!r} is not a valid name. {remedy}"
     return f"{path}: {error.message}"
 
 
-def load_config(config, folder="config"):
-    """(config, rigs, targets) by name, complete, of a loaded config.yaml and its folder."""
+def load_config(
+    config: Config, folder: str | Path = "config"
+) -> tuple[Config, dict[str, Config], dict[str, Config]]:
+    """Return the complete config, its rigs by name and its targets by name.
+
+    config: content of config.yaml; folder: where rigs/ and targets/ are.
+    """
     config = validate_and_complete("config", config, f"{folder}/config.yaml")
     names = sorted({s["rig"] for s in config["sessions"].values()})
     rigs = {n: _load_rig(f"{folder}/rigs/{n}.yaml") for n in names}
@@ -153,39 +170,42 @@ def load_config(config, folder="config"):
         _require_valid_name(file)
     targets = {f.stem: _load_target(f"{folder}/targets/{f.name}") for f in files}
     for name, session in config["sessions"].items():
-        session["targets"] = _select_names(session.get("targets"), targets, name, "targets", folder)
-        sensors = rigs[session["rig"]]["sensors"]
-        session["sensors"] = _select_names(session.get("sensors"), sensors, name, "sensors", folder)
+        for key, available in (("targets", targets), ("sensors", rigs[session["rig"]]["sensors"])):
+            session[key] = _select_names(
+                session.get(key), available, session=name, key=key, folder=folder
+            )
     return config, rigs, targets
 
 
-def _load_and_validate(kind, path):
+def _load_and_validate(kind: str, path: str) -> Config:
     return validate_and_complete(kind, load_yaml(path), path)
 
 
-def _load_rig(path):
-    """A rig whose files are there and whose exports name sensors that it has."""
+def _load_rig(path: str) -> Config:
+    """Load a rig and check that its files exist and its exports name its own sensors."""
     rig = _load_and_validate("rig", path)
     export, sensors = rig["export"], rig["sensors"]
     for key, file in (("guess_from", rig.get("guess_from")), ("export.urdf", export.get("urdf"))):
         if file and not Path(file).is_file():
             raise InputError(f"{path}: {key}: no file {file} in {Path.cwd()}")
-    named = {"export.body_frames": export["body_frames"], "export.parent": {}}
+    names_by_key = {"export.body_frames": list(export["body_frames"]), "export.parent": []}
     if "sensor" in export.get("parent", {}):
-        named["export.parent"] = [export["parent"]["sensor"]]
-    for key, names in named.items():
+        names_by_key["export.parent"] = [export["parent"]["sensor"]]
+    for key, names in names_by_key.items():
         for name in sorted(set(names) - set(sensors)):
             raise InputError(f"{path}: {key}: no sensor {name}. {_suggest_name(name, sensors)}")
     return rig
 
 
-def _load_target(path):
-    """A target; a template that it names is known by its content, so that a change re-runs. One
-    whose place in its body is stated so loosely that nothing can be found by it has none."""
+def _load_target(path: str) -> Config:
+    """Load a target, with the hash of its template file, so that a changed template re-runs.
+
+    A target whose mount is stated too loosely to find anything by it gets `mount: unknown`.
+    """
     target = _load_and_validate("target", path)
-    loose = target["alignment_sigma"]
+    sigma = target["alignment_sigma"]
     if target.get("pattern") and (
-        loose["xyz_m"] > UNKNOWN_MOUNT_SIGMA_M or loose["rpy_deg"] > UNKNOWN_MOUNT_SIGMA_DEG
+        sigma["xyz_m"] > UNKNOWN_MOUNT_SIGMA_M or sigma["rpy_deg"] > UNKNOWN_MOUNT_SIGMA_DEG
     ):
         target["mount"] = "unknown"
     template = target["points"].get("template_file")
@@ -196,24 +216,32 @@ def _load_target(path):
     return target
 
 
-def _require_valid_name(file):
-    """Raise InputError unless the stem of a file can name what the file holds."""
+def _require_valid_name(file: Path) -> None:
+    """Raise InputError unless the stem of a file is a valid name."""
     for error in DefaultsValidator(load_schema("config")["$defs"]["name"]).iter_errors(file.stem):
         raise InputError(_explain_error(error).replace("top level", str(file), 1))
 
 
-def _select_names(wanted, available, session, key, folder):
+def _select_names(
+    wanted: list[str] | None,
+    available: Collection[str],
+    *,
+    session: str,
+    key: str,
+    folder: str | Path,
+) -> list[str]:
+    """Return the sorted names that a session wants, all if it names none."""
     if not available:
-        raise InputError(f"{folder}/{key}: no file there; a calibration needs at least one")
+        raise InputError(f"{folder}/{key}: no file found; expected at least one YAML file")
     for name in wanted or ():
         if name not in available:
             raise InputError(
-                f"{folder}/config.yaml: sessions.{session}.{key}: no {name} there. "
+                f"{folder}/config.yaml: sessions.{session}.{key}: {name} does not exist. "
                 + _suggest_name(name, available)
             )
     return sorted(wanted or available)
 
 
-def _suggest_name(name, available):
-    """What to say of a name that is not among those known."""
+def _suggest_name(name: str, available: Collection[str]) -> str:
+    """Return the nearest known name as a question, or all known names."""
     return did_you_mean(name, available) or f"Known: {', '.join(sorted(available))}"

@@ -1,6 +1,9 @@
-"""Parquet files as columns of NumPy arrays, with a status."""
+"""Parquet files as columns of NumPy arrays, with a status and notes."""
 
 import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 import pyarrow as pa
@@ -9,8 +12,12 @@ import pyarrow.parquet as pq
 from calib.io.atomic_files import atomic_write
 from calib.io.status import OK, InputError, Status
 
+# An array (n,) or (n, k); a list of n arrays or bytes where rows differ in length.
+ColumnValues: TypeAlias = Any
+Columns: TypeAlias = dict[str, ColumnValues]
 
-def _to_arrow_array(field, values):
+
+def _to_arrow_array(field: pa.Field, values: ColumnValues) -> pa.Array:
     if pa.types.is_fixed_size_list(field.type):
         flat = np.ascontiguousarray(np.asarray(values, float).reshape(-1))
         return pa.FixedSizeListArray.from_arrays(pa.array(flat), field.type.list_size)
@@ -19,8 +26,17 @@ def _to_arrow_array(field, values):
     return pa.array(values if isinstance(values, list) else np.asarray(values), field.type)
 
 
-def write_table(path, schema, columns, status=OK, notes=None):
-    """Write columns (name -> array) with their status; none may be missing or extra."""
+def write_table(
+    path: str | Path,
+    schema: pa.Schema,
+    columns: Columns,
+    status: Status = OK,
+    notes: dict[str, Any] | None = None,
+) -> None:
+    """Write columns with their status and notes (JSON).
+
+    Raises ValueError unless the columns are exactly those of the schema.
+    """
     if set(columns) != set(schema.names):
         raise ValueError(f"{path}: columns {sorted(columns)}, expected {schema.names}")
     metadata = {
@@ -34,33 +50,36 @@ def write_table(path, schema, columns, status=OK, notes=None):
         pq.write_table(table, part, compression="zstd", compression_level=1)
 
 
-def empty_columns(schema):
-    """Columns of no row, of the types that `read` gives."""
+def empty_columns(schema: pa.Schema) -> Columns:
+    """Return columns without rows, of the types that read_table returns."""
     return {field.name: _to_numpy(pa.array([], field.type)) for field in schema}
 
 
-def read_table(path, schema, names=None):
-    """A table written by `write`: columns (name -> array), all or those named; status; notes.
+def read_table(
+    path: str | Path, schema: pa.Schema, names: Iterable[str] | None = None
+) -> tuple[Columns, Status, dict[str, Any]]:
+    """Return the columns, status and notes of a table written by write_table.
 
-    Raises InputError for a file of another table or version.
+    names: columns to read; None reads all. Raises InputError if the file holds another table or
+    version.
     """
-    found = pq.read_schema(path)
-    have = found.metadata or {}
-    want = {k: schema.metadata[k] for k in (b"table", b"version")}
-    if any(have.get(k) != v for k, v in want.items()) or not found.equals(schema):
+    file_schema = pq.read_schema(path)
+    metadata = file_schema.metadata or {}
+    expected = {k: schema.metadata[k] for k in (b"table", b"version")}
+    if any(metadata.get(k) != v for k, v in expected.items()) or not file_schema.equals(schema):
         raise InputError(
-            f"{path} holds {have.get(b'table', b'?').decode()} version "
-            f"{have.get(b'version', b'?').decode()}, this stage reads {want[b'table'].decode()} "
-            f"version {want[b'version'].decode()}: re-run the stage that wrote it"
+            f"{path}: holds table {metadata.get(b'table', b'?').decode()}, version "
+            f"{metadata.get(b'version', b'?').decode()}; expected {expected[b'table'].decode()}, "
+            f"version {expected[b'version'].decode()}. Run again the stage that writes it."
         )
     names = list(names or schema.names)
     table = pq.read_table(path, columns=names)
     columns = {name: _to_numpy(table[name].combine_chunks()) for name in names}
-    status = Status.from_dict(json.loads(have[b"status"]))
-    return columns, status, json.loads(have[b"notes"])
+    status = Status.from_dict(json.loads(metadata[b"status"]))
+    return columns, status, json.loads(metadata[b"notes"])
 
 
-def _to_numpy(array):
+def _to_numpy(array: pa.Array | pa.ChunkedArray) -> ColumnValues:
     if isinstance(array, pa.ChunkedArray):
         array = pa.concat_arrays(array.chunks) if array.num_chunks else pa.array([], array.type)
     if pa.types.is_fixed_size_list(array.type):
@@ -74,14 +93,14 @@ def _to_numpy(array):
     return array.to_numpy(zero_copy_only=False)
 
 
-def select_rows(columns, mask):
-    """The rows of columns where mask (n,) holds, or the rows of an index array."""
+def select_rows(columns: Columns, mask: np.ndarray) -> Columns:
+    """Return the rows where a bool mask (n,) is true, or the rows of an index array."""
     rows = np.flatnonzero(mask) if np.asarray(mask).dtype == bool else np.asarray(mask, int)
     return {k: [v[i] for i in rows] if isinstance(v, list) else v[rows] for k, v in columns.items()}
 
 
-def concatenate_columns(parts, schema):
-    """One set of columns from several, in order."""
+def concatenate_columns(parts: Sequence[Columns], schema: pa.Schema) -> Columns:
+    """Join tables of the same columns, in order."""
     if not parts:
         return empty_columns(schema)
     return {
@@ -90,7 +109,7 @@ def concatenate_columns(parts, schema):
     }
 
 
-def _concatenate_arrays(type_, parts):
+def _concatenate_arrays(type_: pa.DataType, parts: list[ColumnValues]) -> ColumnValues:
     if pa.types.is_list(type_) or pa.types.is_binary(type_):
         return [row for part in parts for row in part]
     return np.concatenate([np.asarray(part) for part in parts])

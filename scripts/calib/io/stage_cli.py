@@ -1,4 +1,4 @@
-"""The command line that every stage script shares."""
+"""Command line, logging and JSON files of all stage scripts."""
 
 import argparse
 import json
@@ -7,13 +7,15 @@ import os
 import resource
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from calib.io.atomic_files import write_file
 from calib.io.status import InputError, escape_control_characters
 
 logger = logging.getLogger("calib")
-# When the interpreter started: until here it has only been computing.
+# Start of the interpreter, s: until here it only computed, so its CPU time is its age.
 PROCESS_START_S = time.perf_counter() - time.process_time()
 
 
@@ -38,14 +40,14 @@ class StageArgumentParser(argparse.ArgumentParser):
 
 
 class EscapingFormatter(logging.Formatter):
-    """Lines that may hold names from a log."""
+    """Formatter that escapes control characters, because lines may hold names from a log."""
 
-    def format(self, record):
+    def format(self, record: logging.LogRecord) -> str:
         return escape_control_characters(super().format(record))
 
 
-def run_stage(main):
-    """Call a stage's main: a wrong input ends in one clear line and exit code 1, not in a trace."""
+def run_stage(main: Callable[[], None]) -> None:
+    """Run a stage's main; an InputError ends in one line and exit code 1, without a trace."""
     logging.basicConfig(stream=sys.stderr, level=logging.INFO)
     logging.getLogger().handlers[0].setFormatter(EscapingFormatter("%(message)s"))
     try:
@@ -56,27 +58,27 @@ def run_stage(main):
         sys.exit(1)
 
 
-def _log_cost(name):
-    """What the job took since the interpreter started, as its log's last line."""
+def _log_cost(name: str) -> None:
+    """Log time and memory of the job since the interpreter started, as its last line."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
     wall = time.perf_counter() - PROCESS_START_S
     cost = wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
     logger.info("%s took %.2f s, %.2f s CPU, %.0f MB", name, *cost)
 
 
-def limit_opencv_threads():
-    """Hold OpenCV to the threads that Snakemake granted; it does not ask by itself."""
+def limit_opencv_threads() -> None:
+    """Limit OpenCV to the threads that Snakemake granted; OpenCV does not read OMP_NUM_THREADS."""
     import cv2
 
     cv2.setNumThreads(int(os.environ.get("OMP_NUM_THREADS", "1")))
 
 
-def write_json(path, content):
-    """Write content as sorted, indented JSON; NaN and infinity are an error."""
+def write_json(path: str | Path, content: Any) -> None:
+    """Write content as sorted, indented JSON; NaN and infinity raise ValueError."""
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n"
     write_file(path, text)
 
 
-def read_json(path):
-    """The content of a JSON file."""
+def read_json(path: str | Path) -> Any:
+    """Return the content of a JSON file."""
     return json.loads(Path(path).read_text())

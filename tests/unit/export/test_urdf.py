@@ -285,7 +285,7 @@ def test_a_write_that_fails_leaves_the_file_whole(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(patch_urdf_module.os, "fsync", full)
-    with pytest.raises(InputError, match="no space left on its disk; free some"):
+    with pytest.raises(InputError, match="no space left on the disk. Free some space"):
         patch_file(path, described(velodyne=T_BASE_LIDAR))
     assert path.read_text() == ROBOT and len(list(tmp_path.iterdir())) == 1
 

@@ -379,7 +379,7 @@ def test_a_reserved_name_is_refused(what, name):
     file = {"sessions": "config", "sensors": "rig"}[what]
     some = next(iter(GOOD[file][what].values()))
     message = refusal(file, edited(file, what, {name: some}))
-    assert f"{what}: {name} is a reserved name; choose another" in message
+    assert f"{what}: {name} is a reserved name. Choose another name." in message
 
 
 @pytest.mark.parametrize(
@@ -391,7 +391,9 @@ def test_a_bad_name_is_refused_with_what_a_name_is(what, name):
     some = next(iter(GOOD[file][what].values()))
     out = copy.deepcopy(GOOD[file])
     out[what] = {name: some}
-    assert f"{what}: {name!r} is no name; use a-z, 0-9, _ and -" in refusal(file, out)
+    assert f"{what}: {name!r} is not a valid name. Use at most 64 of a-z, 0-9, _ and -" in refusal(
+        file, out
+    )
 
 
 @pytest.mark.parametrize("name", [7, True])
@@ -406,7 +408,9 @@ def test_a_good_name_is_taken(name):
     assert complete("config", edited("config", "sessions", {name: CONFIG["sessions"]["morning"]}))
 
 
-@pytest.mark.parametrize("name, words", [("index", "reserved"), ("Big Board", "is no name")])
+@pytest.mark.parametrize(
+    "name, words", [("index", "reserved"), ("Big Board", "is not a valid name")]
+)
 def test_the_file_of_a_target_needs_a_good_name(folder, name, words):
     write(folder / "targets" / f"{name}.yaml", DIAMOND)
     with pytest.raises(InputError, match=words) as caught:
@@ -448,10 +452,18 @@ def test_the_slices_of_a_loaded_rig_are_si_units(folder):
         (
             "sensors",
             "velodine",
-            "sessions.morning.sensors: no velodine there. Did you mean velodyne?",
+            "sessions.morning.sensors: velodine does not exist. Did you mean velodyne?",
         ),
-        ("sensors", "radar", "sessions.morning.sensors: no radar there. Known: left, velodyne"),
-        ("targets", "dimond", "sessions.morning.targets: no dimond there. Did you mean diamond?"),
+        (
+            "sensors",
+            "radar",
+            "sessions.morning.sensors: radar does not exist. Known: left, velodyne",
+        ),
+        (
+            "targets",
+            "dimond",
+            "sessions.morning.targets: dimond does not exist. Did you mean diamond?",
+        ),
     ],
 )
 def test_a_session_that_names_what_is_not_there_is_refused(folder, key, name, words):
@@ -486,9 +498,7 @@ def test_an_empty_file_is_refused(folder):
 def test_no_target_file_is_refused(folder):
     for path in (folder / "targets").iterdir():
         path.unlink()
-    with pytest.raises(
-        InputError, match="targets: no file there; a calibration needs at least one"
-    ):
+    with pytest.raises(InputError, match="targets: no file found; expected at least one YAML file"):
         load(folder)
 
 
@@ -532,7 +542,7 @@ def test_a_pose_rounded_to_two_decimals_becomes_the_nearest_rigid_motion():
         (lambda T: 0 * T[:3, :3], "determinant 0, expected 1"),
         (
             lambda T: T[:3, :3] @ [[1, 0.3, 0], [0, 1, 0], [0, 0, 1]],
-            "off by 0.3 from unit and square",
+            "error of its axes 0.3, expected below 0.02",
         ),
         (lambda T: T[:3, :3] * np.nan, "determinant nan"),
     ],
@@ -540,9 +550,9 @@ def test_a_pose_rounded_to_two_decimals_becomes_the_nearest_rigid_motion():
 def test_a_matrix_that_is_no_rigid_motion_is_refused_with_what_it_is_and_the_remedy(change, words):
     T = TURN.copy()
     T[:3, :3] = change(T)
-    with np.errstate(invalid="ignore"), pytest.raises(InputError, match="is no rigid") as caught:
+    with np.errstate(invalid="ignore"), pytest.raises(InputError, match="is not a rigid") as caught:
         pose_from_config({"matrix": T.tolist()})
-    assert words in str(caught.value) and "give xyz_m with quat_xyzw" in str(caught.value)
+    assert words in str(caught.value) and "use xyz_m with quat_xyzw" in str(caught.value)
 
 
 def test_a_matrix_written_by_columns_is_refused_with_its_last_row():
@@ -556,7 +566,10 @@ def test_a_matrix_written_by_columns_is_refused_with_its_last_row():
 def test_a_quaternion_that_is_not_unit_is_refused_with_its_norm_and_the_remedy(quat, norm):
     with pytest.raises(InputError) as caught:
         pose_from_config({"xyz_m": [0, 0, 0], "quat_xyzw": quat})
-    assert str(caught.value) == f"quat_xyzw has norm {norm}, expected 1; write x, y, z, w"
+    assert (
+        str(caught.value)
+        == f"quat_xyzw has norm {norm}, expected 1. Write the quaternion as x, y, z, w."
+    )
 
 
 def test_a_wrong_number_of_params_is_refused_in_words():

@@ -165,15 +165,15 @@ def test_another_table_is_refused_with_both_names_and_the_remedy(tmp_path):
     write_table(tmp_path / "t", FRAMES_SCHEMA, example(FRAMES_SCHEMA))
     with pytest.raises(InputError) as caught:
         read_table(tmp_path / "t", MOCAP_SCHEMA)
-    assert "t holds frames version 1, this stage reads mocap version" in str(caught.value)
-    assert "re-run the stage that wrote it" in str(caught.value)
+    assert "t: holds table frames, version 1; expected mocap, version" in str(caught.value)
+    assert "Run again the stage that writes it" in str(caught.value)
 
 
 def test_another_version_is_refused_with_both_versions(tmp_path):
     newer = FRAMES_SCHEMA.with_metadata({"table": "frames", "version": "99"})
     write_table(tmp_path / "t", newer, example(FRAMES_SCHEMA))
     with pytest.raises(
-        InputError, match="holds frames version 99, this stage reads frames version"
+        InputError, match="holds table frames, version 99; expected frames, version"
     ):
         read_table(tmp_path / "t", FRAMES_SCHEMA)
 
@@ -181,13 +181,13 @@ def test_another_version_is_refused_with_both_versions(tmp_path):
 def test_other_columns_under_the_same_name_and_version_are_refused(tmp_path):
     altered = FRAMES_SCHEMA.set(1, pa.field("stamp_ns", pa.float64(), nullable=False))
     write_table(tmp_path / "t", altered, empty_columns(altered))
-    with pytest.raises(InputError, match="re-run the stage that wrote it"):
+    with pytest.raises(InputError, match="Run again the stage that writes it"):
         read_table(tmp_path / "t", FRAMES_SCHEMA)
 
 
 def test_a_parquet_file_of_someone_else_is_refused(tmp_path):
     pq.write_table(pa.table({"a": [1]}), tmp_path / "t")
-    with pytest.raises(InputError, match=r"holds \? version \?, this stage reads frames"):
+    with pytest.raises(InputError, match=r"holds table \?, version \?; expected frames"):
         read_table(tmp_path / "t", FRAMES_SCHEMA)
 
 
