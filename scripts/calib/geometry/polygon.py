@@ -29,16 +29,20 @@ def polygon_contains(vertices: np.ndarray, p: np.ndarray) -> np.ndarray:
     return inside
 
 
-def nearest_polygon_edge(vertices: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def nearest_polygon_edge(
+    vertices: np.ndarray, p: np.ndarray, edge: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the index (n,) of the edge nearest to each point p (n, 2), and the position along it.
 
     The position (n,) is the fraction from the edge's first vertex to its second, not clipped.
+    edge: (n,) indices to use instead of the nearest edges.
     """
     along = np.roll(vertices, -1, 0) - vertices
     offset = p[:, None, :] - vertices
     fraction = (offset * along).sum(-1) / (along * along).sum(-1)
-    clipped = np.clip(fraction, 0, 1)
-    edge = np.linalg.norm(offset - clipped[..., None] * along, axis=-1).argmin(1)
+    if edge is None:
+        clipped = np.clip(fraction, 0, 1)
+        edge = np.linalg.norm(offset - clipped[..., None] * along, axis=-1).argmin(1)
     return edge, fraction[np.arange(len(p)), edge]
 
 

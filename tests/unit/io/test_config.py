@@ -556,7 +556,7 @@ def test_a_matrix_that_is_no_rigid_motion_is_refused_with_what_it_is_and_the_rem
 
 
 def test_a_matrix_written_by_columns_is_refused_with_its_last_row():
-    with pytest.raises(InputError, match=r"last row is \[0\.21, 0\.0, 0\.62, 1\.0\]; write rows"):
+    with pytest.raises(InputError, match=r"last row \[0\.21, 0\.0, 0\.62, 1\.0\], expected"):
         pose_from_config({"matrix": TURN.T.tolist()})
 
 

@@ -1,4 +1,4 @@
-"""Decompression that takes no more memory or disk than is sensible, whatever a log declares."""
+"""Decompression with bounded memory and disk space, whatever a log declares."""
 
 import bz2
 import shutil
@@ -10,40 +10,42 @@ from lz4.frame import LZ4FrameDecompressor
 
 from calib.io.status import InputError, summarize_error
 
-MAX_UNPACKED_BYTES = 1 << 30  # bytes of a chunk or a message, unpacked
-MIN_FREE_DISK_BYTES = 1 << 30  # bytes of the disk that unpacking a file leaves free
-ZSTD_MAGIC = zstandard.FRAME_HEADER  # no serialised message begins like that
+MAX_UNPACKED_BYTES = 1 << 30  # of a decompressed chunk or message
+MIN_FREE_DISK_BYTES = 1 << 30  # left free on the disk by decompressing a file
+ZSTD_MAGIC = zstandard.FRAME_HEADER  # no serialised message begins with these bytes
 COMPRESSED_SUFFIXES = (".zstd", ".zst")
 
 
 class TooLargeError(Exception):
-    """What unpacks to more than LARGEST, or to more than it declares."""
+    """Data that decompresses to more than allowed, or more than it declares."""
 
 
-def decompress_message(data):
-    """The bytes of a message that rosbag2 may have compressed by itself."""
+def decompress_message(data: bytes) -> bytes:
+    """Return the bytes of a message, decompressed if rosbag2 compressed this message by itself."""
     return decompress_zstd(data, MAX_UNPACKED_BYTES) if bytes(data[:4]) == ZSTD_MAGIC else data
 
 
-def decompress_zstd(data, max_bytes):
-    """Unpacked zstd frame of at most size bytes."""
+def decompress_zstd(data: bytes, max_bytes: int) -> bytes:
+    """Decompress a zstd frame; raises TooLargeError above max_bytes."""
     declared = zstandard.get_frame_parameters(data).content_size
     if declared != zstandard.CONTENTSIZE_UNKNOWN and declared > max_bytes:
         raise TooLargeError(f"{declared} bytes, expected at most {max_bytes}")
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=max_bytes)
 
 
-def decompress_lz4(data, max_bytes=MAX_UNPACKED_BYTES):
-    """Unpacked LZ4 frame of at most size bytes."""
+def decompress_lz4(data: bytes, max_bytes: int = MAX_UNPACKED_BYTES) -> bytes:
+    """Decompress an LZ4 frame; raises TooLargeError above max_bytes."""
     return _decompress_bounded(LZ4FrameDecompressor(), data, max_bytes)
 
 
-def decompress_bzip2(data, max_bytes=MAX_UNPACKED_BYTES):
-    """Unpacked bzip2 stream of at most size bytes."""
+def decompress_bzip2(data: bytes, max_bytes: int = MAX_UNPACKED_BYTES) -> bytes:
+    """Decompress a bzip2 stream; raises TooLargeError above max_bytes."""
     return _decompress_bounded(bz2.BZ2Decompressor(), data, max_bytes)
 
 
-def _decompress_bounded(decompressor, data, max_bytes):
+def _decompress_bounded(
+    decompressor: LZ4FrameDecompressor | bz2.BZ2Decompressor, data: bytes, max_bytes: int
+) -> bytes:
     out = decompressor.decompress(data, max_length=max_bytes + 1)
     if len(out) > max_bytes:
         raise TooLargeError(f"more than {max_bytes} bytes")
@@ -52,9 +54,13 @@ def _decompress_bounded(decompressor, data, max_bytes):
     return out
 
 
-def decompress_files(paths):
-    """The paths, those compressed as a whole unpacked in a folder; and that folder, which lives as
-    long as the object, or None."""
+def decompress_files(
+    paths: list[Path],
+) -> tuple[list[Path], tempfile.TemporaryDirectory[str] | None]:
+    """Decompress the files that are compressed as a whole, into a temporary folder.
+
+    Returns the paths to read, and the folder or None. The folder exists as long as the object.
+    """
     if not any(p.suffix in COMPRESSED_SUFFIXES for p in paths):
         return paths, None
     folder = tempfile.TemporaryDirectory(prefix="log-")
@@ -65,19 +71,19 @@ def decompress_files(paths):
     return out, folder
 
 
-def _decompress_file(path, folder):
+def _decompress_file(path: Path, folder: Path) -> Path:
     target = folder / path.stem
-    left = shutil.disk_usage(folder).free - MIN_FREE_DISK_BYTES
+    free_bytes = shutil.disk_usage(folder).free - MIN_FREE_DISK_BYTES
     try:
         with zstandard.open(path, "rb") as source, target.open("wb") as out:
             while block := source.read(1 << 20):
-                left -= len(block)
-                if left < 0:
-                    raise TooLargeError("more than the disk holds")
+                free_bytes -= len(block)
+                if free_bytes < 0:
+                    raise TooLargeError("more than the free space of the disk")
                 out.write(block)
     except (zstandard.ZstdError, OSError, TooLargeError) as error:
         raise InputError(
-            f"{path}: cannot be unpacked in {folder.parent} ({summarize_error(error)}); "
-            f"set TMPDIR to a larger disk, or unpack it by hand with `zstd -d`"
+            f"{path}: cannot be decompressed in {folder.parent} ({summarize_error(error)}). "
+            "Set TMPDIR to a larger disk, or decompress the file with `zstd -d`."
         ) from error
     return target

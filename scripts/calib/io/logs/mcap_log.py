@@ -1,147 +1,210 @@
-"""MCAP files with ROS messages, through their index; one without its end up to where it breaks."""
+"""Logs in MCAP files with ROS messages; a file without its end is read as far as possible."""
 
 from bisect import bisect_left
 from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
-from calib.io.logs.log_message import LogMessage
+from mcap.records import Message
+
+from calib.io.logs.log_message import LogMessage, TopicInfo, missing_message_error
 from calib.io.logs.mcap_index import (
     MAX_LOG_TIME_NS,
     BoundedFile,
+    McapIndex,
+    McapPiece,
     read_mcap_index,
     read_piece_messages,
 )
-from calib.io.logs.message_types import MessageTypes, full_type_name
+from calib.io.logs.message_types import MessageCodec, MessageTypes, full_type_name
 from calib.io.status import InputError, summarize_error
 
 NO_SCHEMA_TYPE = "without schema"
 
 
-class McapLog:
-    """One recording in one or more MCAP files, in the order of their first messages."""
+class _Channel(NamedTuple):
+    """A topic of one file, and the decoder of its messages."""
 
-    def __init__(self, files):
-        found = sorted(
+    topic: str
+    codec: MessageCodec
+
+
+class _Entry(NamedTuple):
+    """A message and its place; `order` sorts the messages of a log."""
+
+    log_time_ns: int
+    file_index: int
+    byte_offset: int  # of its piece
+    index_in_piece: int
+    record: Message
+
+    @property
+    def order(self) -> tuple[int, int, int, int]:
+        """Return the place of the message in the log."""
+        return self.log_time_ns, self.file_index, self.byte_offset, self.index_in_piece
+
+
+class McapLog:
+    """A recording in one or more MCAP files, in the order of their first messages."""
+
+    def __init__(self, files: list[Path]) -> None:
+        indexes = sorted(
             ((read_mcap_index(path), path) for path in files),
             key=lambda f: (f[0].start_ns is None, f[0].start_ns),
         )
-        self.files = [path for _, path in found]
-        self.topics, self._damaged_pieces, self._bad_log_times = {}, set(), set()
-        self._index_errors = [index.read_error for index, _ in found if index.read_error]
+        self.files = [path for _, path in indexes]
+        self.topics: dict[str, TopicInfo] = {}
+        self.temporary_folder: TemporaryDirectory[str] | None = None
+        self._damaged_pieces: set[tuple[int, int]] = set()  # file_index, byte_offset
+        self._bad_log_times: set[tuple[int, int, int]] = set()  # order without log time
+        self._index_errors = [index.read_error for index, _ in indexes if index.read_error]
         self._types = MessageTypes(str(self.files[0]))
-        self._codecs = [self._register_channels(index) for index, _ in found]
+        self._channels = [self._register_channels(index) for index, _ in indexes]
         self._pieces = sorted(
             piece._replace(file_index=n)
-            for n, (index, _) in enumerate(found)
+            for n, (index, _) in enumerate(indexes)
             for piece in index.pieces
         )
         self.start_ns = self._pieces[0].start_ns if self._pieces else 0
-        self._open_file = None, None  # number of a file, and the stream
+        self._open_file: tuple[int, BoundedFile] | None = None
 
     @property
-    def read_errors(self):
-        """What of the files could not be read, in words, as far as was met up to now."""
+    def read_errors(self) -> list[str]:
+        """Return what could not be read of the files up to now."""
         counts = Counter(file for file, _ in self._damaged_pieces)
-        met = [
+        errors = [
             f"{self.files[n].name}: damaged chunks left out: {k}" for n, k in sorted(counts.items())
         ]
         if self._bad_log_times:
-            met.append(f"messages of impossible log times left out: {len(self._bad_log_times)}")
-        return self._index_errors + met
+            errors.append(f"messages of impossible log times left out: {len(self._bad_log_times)}")
+        return self._index_errors + errors
 
-    def _register_channels(self, index):
-        """{channel: (topic, Codec)} of one file; its topics and types join the log's."""
+    def _register_channels(self, index: McapIndex) -> dict[int, _Channel]:
+        """Return the channels of a file by id, and add their topics and types to the log."""
         out = {}
         for number, channel in sorted(index.channels.items()):
             schema = index.schemas.get(channel.schema_id)
             name = full_type_name(schema.name) if schema else NO_SCHEMA_TYPE
-            _, before = self.topics.get(channel.topic, (name, 0))
-            self.topics[channel.topic] = (name, before + index.counts.get(number, 0))
+            earlier = self.topics.get(channel.topic, TopicInfo(name, 0))
+            n_messages = earlier.n_messages + index.counts.get(number, 0)
+            self.topics[channel.topic] = TopicInfo(name, n_messages)
             if schema:
                 text = bytes(schema.data).decode(errors="replace")
                 self._types.add_definition(name, schema.encoding, text)
-            out[number] = (channel.topic, self._types.make_codec(name, channel.message_encoding))
+            codec = self._types.make_codec(name, channel.message_encoding)
+            out[number] = _Channel(channel.topic, codec)
         return out
 
-    def _wanted_channels(self, topics):
-        """Per file the channels of the topics."""
+    def _wanted_channels(self, topics: Iterable[str]) -> list[set[int]]:
+        """Return the ids of the channels of the topics, for each file."""
         topics = set(topics)
-        return [{n for n, (topic, _) in c.items() if topic in topics} for c in self._codecs]
+        return [{n for n, c in found.items() if c.topic in topics} for found in self._channels]
 
-    def iter_messages(self, topics, start_ns=None, end_ns=None):
-        """Messages of the topics, by log time; start and end, ns of log time, bound them."""
-        seen, last = [{} for _ in self.files], [None] * len(self.files)
-        for log_t, file, _, _, record in self._iter_entries(
-            self._wanted_channels(topics), start_ns, end_ns
-        ):
-            if log_t != last[file]:
-                seen[file], last[file] = {}, log_t
-            topic, codec = self._codecs[file][record.channel_id]
-            ordinal = seen[file].get(topic, 0)
-            yield LogMessage(topic, file, log_t, ordinal, record.data, codec)
-            seen[file][topic] = ordinal + 1
+    def iter_messages(
+        self, topics: Iterable[str], start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[LogMessage]:
+        """Yield the messages of the topics with start_ns <= log time < end_ns, by log time."""
+        # Messages by topic at the last log time, and that time, for each file.
+        counts: list[Counter[str]] = [Counter() for _ in self.files]
+        last_ns: list[int | None] = [None] * len(self.files)
+        for entry in self._iter_entries(self._wanted_channels(topics), start_ns, end_ns):
+            file = entry.file_index
+            if entry.log_time_ns != last_ns[file]:
+                counts[file], last_ns[file] = Counter(), entry.log_time_ns
+            topic, codec = self._channels[file][entry.record.channel_id]
+            yield LogMessage(
+                topic=topic,
+                file_index=file,
+                log_time_ns=entry.log_time_ns,
+                index_at_log_time=counts[file][topic],
+                data=entry.record.data,
+                codec=codec,
+            )
+            counts[file][topic] += 1
 
-    def _iter_entries(self, wanted, start, end):
-        """(log time, file, offset, number, record) in that order, a few pieces in memory."""
-        waiting = []
+    def _iter_entries(
+        self, wanted: list[set[int]], start_ns: int | None, end_ns: int | None
+    ) -> Iterator[_Entry]:
+        """Yield entries in order, with only a few pieces in memory."""
+        waiting: list[_Entry] = []
         for piece in self._pieces:
             channels = wanted[piece.file_index]
             if not (piece.channels is None or piece.channels & channels):
                 continue
-            if (end is not None and piece.start_ns >= end) or (
-                start is not None and piece.end_ns < start
+            if (end_ns is not None and piece.start_ns >= end_ns) or (
+                start_ns is not None and piece.end_ns < start_ns
             ):
                 continue
-            ready = bisect_left(waiting, (piece.start_ns, piece.file_index, piece.byte_offset))
-            yield from waiting[:ready]
-            held = self._read_entries(piece, channels, start, end)
-            waiting = sorted(waiting[ready:] + held, key=_entry_order)
+            # No later piece holds a message before the start of this one.
+            first = (piece.start_ns, piece.file_index, piece.byte_offset, 0)
+            n_ready = bisect_left(waiting, first, key=lambda e: e.order)
+            yield from waiting[:n_ready]
+            entries = self._read_entries(piece, channels, start_ns, end_ns)
+            waiting = sorted(waiting[n_ready:] + entries, key=lambda e: e.order)
         yield from waiting
 
-    def _read_entries(self, piece, channels, start=None, end=None):
-        """Entries of the messages of a piece; none, and a fault of the log, if it is damaged."""
+    def _read_entries(
+        self,
+        piece: McapPiece,
+        channels: set[int],
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> list[_Entry]:
+        """Return the entries of a piece; a damaged piece has none and is noted as damaged."""
         path = self.files[piece.file_index]
         try:
             records = read_piece_messages(self._open_stream(piece.file_index), piece)
         except OSError as error:
             raise InputError(f"{path}: cannot be read ({summarize_error(error)})") from error
-        except Exception:  # whatever the library makes of a damaged chunk
+        except Exception:  # the library raises any type for a damaged chunk
             self._damaged_pieces.add((piece.file_index, piece.byte_offset))
             return []
-        late = MAX_LOG_TIME_NS
         entries = [
-            (r.log_time, piece.file_index, piece.byte_offset, n, r) for n, r in enumerate(records)
+            _Entry(
+                log_time_ns=record.log_time,
+                file_index=piece.file_index,
+                byte_offset=piece.byte_offset,
+                index_in_piece=n,
+                record=record,
+            )
+            for n, record in enumerate(records)
         ]
-        self._bad_log_times |= {e[1:4] for e in entries if e[0] >= late}
-        first, last = start or 0, late if end is None else end
-        return [e for e in entries if first <= e[0] < last and e[-1].channel_id in channels]
+        self._bad_log_times |= {e.order[1:] for e in entries if e.log_time_ns >= MAX_LOG_TIME_NS}
+        first_ns = start_ns or 0
+        last_ns = MAX_LOG_TIME_NS if end_ns is None else end_ns
+        return [
+            e
+            for e in entries
+            if first_ns <= e.log_time_ns < last_ns and e.record.channel_id in channels
+        ]
 
-    def _open_stream(self, number):
-        """A file, which stays open until another is wanted."""
-        last, stream = self._open_file
-        if last != number:
-            stream = BoundedFile(self.files[number])
-            self._open_file = number, stream
-        return stream
+    def _open_stream(self, file_index: int) -> BoundedFile:
+        """Return a file, which stays open until another one is needed."""
+        if self._open_file is None or self._open_file[0] != file_index:
+            self._open_file = file_index, BoundedFile(self.files[file_index])
+        return self._open_file[1]
 
-    def read_message_content(self, topic, file_index, log_time_ns, index_at_log_time):
-        """The content of one message, at its place in the log."""
+    def read_message_content(
+        self, topic: str, file_index: int, log_time_ns: int, index_at_log_time: int
+    ) -> Any:
+        """Return the content of one message, found by its place in the log."""
         channels = self._wanted_channels([topic])[file_index]
         pieces = [
             p
             for p in self._pieces
             if p.file_index == file_index and p.start_ns <= log_time_ns <= p.end_ns
         ]
-        found = [
-            e for p in pieces for e in self._read_entries(p, channels, log_time_ns, log_time_ns + 1)
-        ]
-        found = sorted(found, key=_entry_order)
-        if index_at_log_time >= len(found):
-            raise InputError(
-                f"{self.files[file_index]}: no message of {topic} at {log_time_ns} any more"
-            )
-        record = found[index_at_log_time][-1]
-        return self._codecs[file_index][record.channel_id][1].decode(record.data)
-
-
-def _entry_order(entry):
-    return entry[:4]
+        entries = sorted(
+            (
+                entry
+                for piece in pieces
+                for entry in self._read_entries(piece, channels, log_time_ns, log_time_ns + 1)
+            ),
+            key=lambda e: e.order,
+        )
+        if index_at_log_time >= len(entries):
+            raise missing_message_error(self.files[file_index], topic, log_time_ns)
+        record = entries[index_at_log_time].record
+        return self._channels[file_index][record.channel_id].codec.decode(record.data)

@@ -1,18 +1,25 @@
-"""When a message of a sensor was stamped, and in which frame it is."""
+"""Stamp and frame of a message."""
+
+from typing import Any
 
 from calib.geometry.units import NS_PER_S
+from calib.io.logs.log_message import LogMessage
 
-FOXGLOVE_TYPE_PREFIX = "foxglove_msgs/"  # types that say so themselves, not in a std_msgs/Header
+FOXGLOVE_TYPE_PREFIX = (
+    "foxglove_msgs/"  # these types have their own stamp fields, no std_msgs/Header
+)
 
 
-def read_message_header(message):
-    """What holds stamp and frame_id of a Message of a log; the rest of it is not read, where it
-    begins with a std_msgs/Header."""
+def read_message_header(message: LogMessage) -> Any:
+    """Return the part of a message that holds stamp and frame_id.
+
+    A std_msgs/Header is read alone, without the rest of the message.
+    """
     return message.content if message.type.startswith(FOXGLOVE_TYPE_PREFIX) else message.header
 
 
-def header_stamp_ns(header):
-    """The stamp, ns, of what `of` gives, or of a whole message."""
+def header_stamp_ns(header: Any) -> int:
+    """Return the stamp, ns, of a header or of a whole message; 0 if it was never set."""
     header = getattr(header, "header", header)
     stamp = header.stamp if hasattr(header, "stamp") else header.timestamp
     return stamp.sec * NS_PER_S + stamp.nanosec

@@ -1,10 +1,13 @@
-"""Message types: from the definitions in a log, else those that ROS ships; and how to read them."""
+"""Message types by the definitions in a log, or else in ROS, and their decoders."""
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+from typing import Any, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 from calib.io.logs.decompression import decompress_message
 from calib.io.logs.struct_arrays import STRUCT_LIST_FIELDS, read_struct_list
@@ -12,9 +15,9 @@ from calib.io.status import InputError, MessageError, summarize_error
 
 TYPE_NAME_PATTERN = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
 HEADER_TYPE = "std_msgs/msg/Header"
-MAX_DEFINITION_CHARS = 1 << 20  # characters of a definition
-STAMP_FIELD_LIMIT = 1 << 32  # s or ns of a stamp
-ROS_STORE_BY_SERIALISATION = {"cdr": Stores.LATEST, "ros1": Stores.ROS1_NOETIC}  # by serialisation
+MAX_DEFINITION_CHARS = 1 << 20
+STAMP_FIELD_LIMIT = 1 << 32  # the fields of a stamp, s and ns, have 32 bits
+ROS_STORE_BY_SERIALISATION = {"cdr": Stores.LATEST, "ros1": Stores.ROS1_NOETIC}
 DEFINITION_PARSERS = {
     "ros2msg": get_types_from_msg,
     "ros1msg": get_types_from_msg,
@@ -22,33 +25,44 @@ DEFINITION_PARSERS = {
 }
 
 
-def full_type_name(name):
-    """package/msg/Type, also of a type named package/Type."""
+def full_type_name(name: str) -> str:
+    """Return package/msg/Type, also for a type named package/Type."""
     parts = name.split("/")
     return "/".join([parts[0], "msg", parts[-1]]) if len(parts) == 2 else name
 
 
+class MessageDefinition(NamedTuple):
+    """Text that defines a type, and its format, a key of DEFINITION_PARSERS."""
+
+    format: str
+    text: str
+
+
 @dataclass
 class MessageTypes:
-    """The types of one log; where: what to call the log in messages."""
+    """Message types of one log.
+
+    log_name: of the log, in messages; definitions: {type: definition}; stores, registered_names:
+    by serialisation; errors: {(type, serialisation): why it cannot be read}.
+    """
 
     log_name: str
-    definitions: dict = field(default_factory=dict)
-    stores: dict = field(default_factory=dict)
-    registered_names: dict = field(default_factory=dict)
-    errors: dict = field(default_factory=dict)
+    definitions: dict[str, MessageDefinition] = field(default_factory=dict)
+    stores: dict[str, Typestore] = field(default_factory=dict)
+    registered_names: dict[str, set[str]] = field(default_factory=dict)
+    errors: dict[tuple[str, str], InputError] = field(default_factory=dict)
 
-    def add_definition(self, name, definition_format, text):
-        """Take in a definition; definition_format: ros2msg, ros1msg or ros2idl, else it is of no use."""
+    def add_definition(self, name: str, definition_format: str | None, text: str) -> None:
+        """Add a definition; formats other than ros2msg, ros1msg and ros2idl are ignored."""
         if definition_format in DEFINITION_PARSERS and text:
-            self.definitions.setdefault(name, (definition_format, text))
+            self.definitions.setdefault(name, MessageDefinition(definition_format, text))
 
-    def make_codec(self, name, serialisation):
-        """The Codec of messages of a type, serialised as cdr or ros1."""
+    def make_codec(self, name: str, serialisation: str) -> "MessageCodec":
+        """Return the codec of a type; serialisation: cdr or ros1."""
         return MessageCodec(name, serialisation, self)
 
-    def find_type_store(self, name, serialisation):
-        """A type store that has the type; raises InputError where nothing tells how to read it."""
+    def find_type_store(self, name: str, serialisation: str) -> Typestore:
+        """Return a type store with the type; raises InputError if it has no readable definition."""
         if (name, serialisation) in self.errors:
             raise self.errors[name, serialisation]
         try:
@@ -57,13 +71,14 @@ class MessageTypes:
             self.errors[name, serialisation] = error
             raise
 
-    def _build_type_store(self, name, serialisation):
+    def _build_type_store(self, name: str, serialisation: str) -> Typestore:
         if serialisation not in ROS_STORE_BY_SERIALISATION:
             raise InputError(
-                f"{self.log_name}: {name} is serialised as {serialisation or 'nothing named'}; "
-                f"this version reads {' and '.join(ROS_STORE_BY_SERIALISATION)}: convert it with `ros2 bag convert`"
+                f"{self.log_name}: {name} is serialised as {serialisation or 'no named format'}; "
+                f"expected {' or '.join(ROS_STORE_BY_SERIALISATION)}. Convert the log with "
+                "`ros2 bag convert`."
             )
-        # A definition is read when it is needed: those of service events are none of messages.
+        # Definitions are read only when needed: those of service events are not valid ones.
         if name in self.definitions:
             store = self.stores.setdefault(serialisation, get_typestore(Stores.EMPTY))
             self._register_type(store, self.registered_names.setdefault(serialisation, set()), name)
@@ -71,54 +86,55 @@ class MessageTypes:
         shipped = _load_ros_store(serialisation)
         if name not in shipped.fielddefs:
             raise InputError(
-                f"{self.log_name}: holds {name} without its definition, and ROS ships no such type; "
-                "record it with `ros2 bag record --storage mcap`"
+                f"{self.log_name}: holds no definition of {name}, and ROS does not ship this type. "
+                "Record it with `ros2 bag record --storage mcap`."
             )
         return shipped
 
-    def _register_type(self, store, registered_names, name):
+    def _register_type(self, store: Typestore, registered_names: set[str], name: str) -> None:
         if name in registered_names:
             return
-        form, text = self.definitions[name]
+        definition = self.definitions[name]
         try:
-            # Names become code: nothing but a name may pass.
-            if not TYPE_NAME_PATTERN.fullmatch(name) or len(text) > MAX_DEFINITION_CHARS:
-                raise ValueError("no name of a type, or longer than any")
-            types = DEFINITION_PARSERS[form](text, name)
+            # rosbags generates code from names, so only plain names may pass.
+            if not TYPE_NAME_PATTERN.fullmatch(name) or len(definition.text) > MAX_DEFINITION_CHARS:
+                raise ValueError("not the name of a type, or a definition that is too long")
+            types = DEFINITION_PARSERS[definition.format](definition.text, name)
             if not all(TYPE_NAME_PATTERN.fullmatch(k) for k in types) or name not in types:
-                raise ValueError("defines other types")
+                raise ValueError("it defines other types")
             store.register({k: v for k, v in types.items() if k not in registered_names})
-        except Exception as error:  # whatever the parser makes of foreign text
+        except Exception as error:  # the parser raises any type for foreign text
             raise InputError(
-                f"{self.log_name}: the definition of {name} cannot be read ({summarize_error(error)})"
+                f"{self.log_name}: the definition of {name} cannot be read "
+                f"({summarize_error(error)})"
             ) from error
         registered_names.update(types)
 
 
 @cache
-def _load_ros_store(serialisation):
+def _load_ros_store(serialisation: str) -> Typestore:
     return get_typestore(ROS_STORE_BY_SERIALISATION[serialisation])
 
 
 @dataclass(frozen=True, eq=False)
 class MessageCodec:
-    """How the messages of one type are read."""
+    """Decoder of the messages of one type."""
 
     type: str
     serialisation: str
     types: MessageTypes
 
     @cached_property
-    def _store(self):
+    def _store(self) -> Typestore:
         return self.types.find_type_store(self.type, self.serialisation)
 
     @cached_property
-    def _deserialize(self):
+    def _deserialize(self) -> Callable[[bytes, str], Any]:
         store = self._store
         return store.deserialize_cdr if self.serialisation == "cdr" else store.deserialize_ros1
 
-    def decode(self, data):
-        """The message that the bytes say; raises InputError where they say none."""
+    def decode(self, data: bytes) -> Any:
+        """Return the decoded message; raises InputError if the bytes do not fit its definition."""
         read, store = self._deserialize, self._store
         try:
             data = decompress_message(data)
@@ -126,11 +142,11 @@ class MessageCodec:
             if self.type in STRUCT_LIST_FIELDS:
                 return read_struct_list(data, self.type, self.serialisation, store)
             return read(data, self.type)
-        except Exception as error:  # whatever rosbags makes of foreign bytes
+        except Exception as error:  # rosbags raises any type for foreign bytes
             raise self._decode_error(error) from error
 
-    def decode_header(self, data):
-        """The header that the bytes begin with; raises InputError where they do not."""
+    def decode_header(self, data: bytes) -> Any:
+        """Return the header at the start of the bytes; raises InputError if there is none."""
         store = self._store
         try:
             header = (
@@ -144,25 +160,27 @@ class MessageCodec:
                 isinstance(header.frame_id, str)
                 and 0 <= stamp.nanosec < STAMP_FIELD_LIMIT > stamp.sec
             ):
-                raise ValueError("no such header")
+                raise ValueError("not a header")
             return header
         except Exception as error:
             raise self._decode_error(error) from error
 
-    def _has_leading_header(self, store):
-        """Whether the first field of the type is a header."""
+    def _has_leading_header(self, store: Typestore) -> bool:
+        """Return whether the first field of the type is a header."""
         fields = store.fielddefs[self.type][1]
         return bool(fields) and fields[0][1][1] == HEADER_TYPE
 
-    def _decode_leading_header(self, data, store):
-        kind, data = store.get_msgdef(HEADER_TYPE), memoryview(decompress_message(data))
+    def _decode_leading_header(self, data: bytes, store: Typestore) -> Any:
+        definition = store.get_msgdef(HEADER_TYPE)
+        view = memoryview(decompress_message(data))
         if self.serialisation == "ros1":
-            return kind.deserialize_ros1(data, 0, kind.cls, store)[0]
-        little = {b"\0\0": False, b"\0\1": True}[bytes(data[:2])]
-        read = kind.deserialize_cdr_le if little else kind.deserialize_cdr_be
-        return read(data[4:], 0, kind.cls, store)[0]
+            return definition.deserialize_ros1(view, 0, definition.cls, store)[0]
+        is_little_endian = {b"\0\0": False, b"\0\1": True}[bytes(view[:2])]
+        read = definition.deserialize_cdr_le if is_little_endian else definition.deserialize_cdr_be
+        return read(view[4:], 0, definition.cls, store)[0]
 
-    def _decode_error(self, error):
+    def _decode_error(self, error: Exception) -> MessageError:
         return MessageError(
-            f"{self.types.log_name}: a message of {self.type} cannot be read ({summarize_error(error)})"
+            f"{self.types.log_name}: a message of {self.type} cannot be read "
+            f"({summarize_error(error)})"
         )

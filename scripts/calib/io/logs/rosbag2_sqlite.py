@@ -1,27 +1,33 @@
-"""SQLite files of rosbag2; without definitions in them, of types that ROS ships."""
+"""Logs in SQLite files of rosbag2; a file without type definitions may hold types of ROS only."""
 
+from pathlib import Path
+
+from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
 
 from calib.io.logs.rosbags_reader import RosbagsLog, open_readers
 
-SQLITE_REMEDY = "run `sqlite3 {} .recover | sqlite3 whole.db3` and use its output"
+SQLITE_REMEDY = "Run `sqlite3 {} .recover | sqlite3 whole.db3` and use whole.db3."
 
 
-def open_rosbag2_sqlite(files):
-    """The RosbagsLog of SQLite files."""
-    log = RosbagsLog(
-        open_readers(files, Reader, SQLITE_REMEDY), lambda c: c.ext.serialization_format
-    )
+def open_rosbag2_sqlite(files: list[Path]) -> RosbagsLog:
+    """Return the log in SQLite files."""
+    log = RosbagsLog(open_readers(files, Reader, SQLITE_REMEDY), _find_serialisation)
     log.read_errors += [_journal_warning(p) for p in log.files if _journal_path(p).exists()]
     return log
 
 
-def _journal_path(path):
+def _find_serialisation(connection: Connection) -> str:
+    assert isinstance(connection.ext, ConnectionExtRosbag2)
+    return connection.ext.serialization_format
+
+
+def _journal_path(path: Path) -> Path:
     return path.with_name(path.name + "-wal")
 
 
-def _journal_warning(path):
+def _journal_warning(path: Path) -> str:
     return (
-        f"{path.name}: {_journal_path(path).name} beside it may hold its last messages, which were left "
-        f"out; run `sqlite3 {path.name} 'pragma wal_checkpoint'` in its folder"
+        f"{path.name}: its last messages may be in {_journal_path(path).name}, which is not read. "
+        f"Run `sqlite3 {path.name} 'pragma wal_checkpoint'` in its folder."
     )

@@ -84,7 +84,7 @@ def test_a_message_of_another_length_than_its_points_is_refused(form, change):
 
 def test_points_of_another_layout_are_refused_by_name():
     wide = codec("cdr", lambda text: text.replace("uint8 line", "uint16 line"))
-    with pytest.raises(InputError, match="CustomPoint has other fields than its driver gives it"):
+    with pytest.raises(InputError, match="CustomPoint has other fields than those of its driver"):
         wide.decode(serialised(message(5), FORMS[0]))
 
 
