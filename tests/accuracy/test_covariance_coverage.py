@@ -100,7 +100,7 @@ def test_the_covariance_of_a_lidar_and_a_camera_holds_what_it_promises(seen):
 
 def spread(placements, monkeypatch):
     """(with, without) outlines: mm, one scan of 1 cm of every placement, no noise of the MCS."""
-    monkeypatch.setattr(exact_observations, "N_POINTS_PER_SIDE", 10_000)
+    monkeypatch.setattr(exact_observations, "MAX_RETURNS", 10_000)
     monkeypatch.setattr(covariance_coverage, "N_VIEWS_PER_PLACEMENT", 1)
     arguments = (
         f"--rig round --targets board --placements {placements} --seed 2 --range-noise-m 0.01"

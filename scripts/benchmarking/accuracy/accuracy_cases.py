@@ -54,7 +54,7 @@ class AccuracyRow:
     source_row_key: str = ""
 
     @property
-    def is_noise_free(self):
+    def is_noise_free(self) -> bool:
         """Whether the sensor's data carry no noise."""
         return self.log_kind == "round"
 
@@ -166,23 +166,23 @@ class AccuracyCase:
     seed: int
 
     @property
-    def case_name(self):
+    def case_name(self) -> str:
         """Of its rig and its session."""
         method = self.method.replace(", ", "-")
         return f"{self.row.key}-{method}-n{self.n_placements}-s{self.seed}"
 
     @property
-    def log_key(self):
+    def log_key(self) -> tuple[str, int, int]:
         """(kind in LOGS, N, seed): the log it reads."""
         return self.row.log_kind, self.n_placements, self.seed
 
     @property
-    def target_name(self):
+    def target_name(self) -> str:
         """Of its target's config: the same body for every method."""
         return "-".join([self.row.target, *self.method.split(", ")])
 
 
-def list_accuracy_cases(is_quick):
+def list_accuracy_cases(is_quick: bool) -> list[AccuracyCase]:
     """All Cases; is_quick: the smallest N of every row."""
     return [
         AccuracyCase(row, method, n, 1)
@@ -192,7 +192,7 @@ def list_accuracy_cases(is_quick):
     ]
 
 
-def find_draw_source(row, n_placements):
+def find_draw_source(row: AccuracyRow, n_placements: int) -> AccuracyCase | None:
     """The Case whose recording the draws of a row start from, or None where there is no noise."""
     if row.is_noise_free:
         return None

@@ -10,8 +10,10 @@ the outline of a board and for the sides of a cylinder. No robust loss.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy import ndarray
 
-from calib.estimation.estimate_state import initial_state
+from calib.estimation.estimate_state import State, initial_state
+from calib.estimation.estimation_problem import MeasurementGroup, Setup
 from calib.estimation.nlp.information_matrix import covariance_from_information
 from calib.estimation.nlp.symbolic_chain import make_residual_function
 from calib.estimation.noise_model import split_common_noise
@@ -46,7 +48,9 @@ class CramerRaoBound:
     measurement_sigma: dict
 
 
-def compute_cramer_rao_bound(setup, T_robot_sensor, range_sigma_m):
+def compute_cramer_rao_bound(
+    setup: Setup, T_robot_sensor: dict[str, ndarray], range_sigma_m: float
+) -> CramerRaoBound:
     """The Reference of a Setup.
 
     T_robot_sensor by name is the true one, range_sigma, m, too, and so is the σ of the setup's
@@ -65,22 +69,24 @@ def compute_cramer_rao_bound(setup, T_robot_sensor, range_sigma_m):
     )
 
 
-def _sensor_covariances(setup, information):
+def _sensor_covariances(setup: Setup, information: ndarray) -> dict[str, ndarray]:
     whole = covariance_from_information(information)
     names = sorted(setup.models)
     return {n: whole[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] for i, n in enumerate(names)}
 
 
-def _select_groups(setup, noise_key):
+def _select_groups(setup: Setup, noise_key: tuple[str, str]) -> list[MeasurementGroup]:
     return [g for g in setup.groups if (g.sensor, g.kind) == noise_key]
 
 
-def _median_keypoint_sigma(groups):
+def _median_keypoint_sigma(groups: list[MeasurementGroup]) -> float:
     """The σ that keypoints came with: their median."""
     return float(np.median(np.concatenate([g.keypoints["sigma"] for g in groups])))
 
 
-def estimate_true_noise(setup, state, range_sigma_m):
+def estimate_true_noise(
+    setup: Setup, state: State, range_sigma_m: float
+) -> dict[tuple[str, str], Noise]:
     """Noise over the keypoints' own σ, by (sensor, kind).
 
     Ranges: as given. What is found in images: of its errors at the truth, of all that belongs to a
@@ -99,7 +105,7 @@ def estimate_true_noise(setup, state, range_sigma_m):
     return known
 
 
-def _image_noise(setup, state, noise_key):
+def _image_noise(setup: Setup, state: State, noise_key: tuple[str, str]) -> Noise:
     """Noise of the errors at the truth: their rms per component, members by that very σ."""
     known = {noise_key: Noise(10.0, 0.0)}
     for _ in range(N_NOISE_ROUNDS):
@@ -111,7 +117,7 @@ def _image_noise(setup, state, noise_key):
     return split_common_noise(setup, assigned, known, {noise_key: 0.0})[noise_key]
 
 
-def compute_true_information(setup, state):
+def compute_true_information(setup: Setup, state: State) -> tuple[ndarray, ndarray]:
     """(n, n), twice, of all unknowns of the estimate: of what lies on the targets, with the priors
     of the MCS, and of where scan lines leave the targets."""
     assigned = assign_measurements(setup, state)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 from scipy.stats import chi2
 
 from benchmarking.accuracy.accuracy_cases import MAX_SINGLE_RATIO
@@ -42,7 +43,9 @@ class DrawStatistics:
     share_covered: float
 
 
-def compute_draw_statistics(draws, reference, reference_without_outlines):
+def compute_draw_statistics(
+    draws: list[DrawResult], reference: ndarray, reference_without_outlines: ndarray
+) -> DrawStatistics:
     """The Statistics of Draws, of which one at least has a result; reference, reference_without_outlines: covariances
     (6, 6)."""
     good = [d for d in draws if d.error is not None]
@@ -76,19 +79,19 @@ def compute_run_statistics(draws):
     return compute_draw_statistics(draws, mean, mean)
 
 
-def _errors_mm_deg(errors):
+def _errors_mm_deg(errors: ndarray) -> ndarray:
     """(n, 2): mm, deg of errors (n, 6)."""
     shift, turn = (np.linalg.norm(errors[:, b], axis=1) for b in (np.s_[:3], np.s_[3:]))
     return np.column_stack([1e3 * shift, np.degrees(turn)])
 
 
-def normalized_squared_errors(errors, covariances):
+def normalized_squared_errors(errors: ndarray, covariances: ndarray) -> ndarray:
     """Normalised squares (n,) of errors (n, k) by their covariances (n, k, k)."""
     solved = np.linalg.solve(covariances, errors[..., None])[..., 0]
     return np.sum(errors * solved, -1)
 
 
-def expected_outlier_share(reference):
+def expected_outlier_share(reference: ndarray) -> float:
     """Share of draws above SINGLE times the reference, were they of that covariance (6, 6)."""
     rng = np.random.default_rng(0)
     drawn = rng.multivariate_normal(np.zeros(6), reference, N_TRIALS, method="cholesky")
@@ -97,7 +100,7 @@ def expected_outlier_share(reference):
     )
 
 
-def compute_nees_band(n_draws, n_dof=6):
+def compute_nees_band(n_draws: int, n_dof: int = 6) -> tuple[float, float]:
     """LEVEL band of the mean over `count` draws of NEES/size, where σ is honest."""
     ends = chi2.ppf([(1 - CONFIDENCE_LEVEL) / 2, (1 + CONFIDENCE_LEVEL) / 2], n_dof * n_draws)
     return tuple((ends / (n_dof * n_draws)).tolist())

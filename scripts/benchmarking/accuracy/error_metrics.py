@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
-from benchmarking.accuracy.accuracy_cases import ACCURACY_ROWS, MAX_RMS_RATIO
+from benchmarking.accuracy.accuracy_cases import ACCURACY_ROWS, MAX_RMS_RATIO, AccuracyRow
+from benchmarking.accuracy.draw_statistics import DrawStatistics
 from calib.geometry.se3 import invert_pose, rotation_angle, se3_log
 
 
@@ -51,13 +53,13 @@ def compute_pose_error(T_true, T_found):
     return 1e3 * float(shift), float(np.degrees(rotation_angle(invert_pose(T_true) @ T_found)))
 
 
-def sigma_mm_deg(covariance):
+def sigma_mm_deg(covariance: ndarray) -> tuple[float, float]:
     """(mm, deg) of a covariance (6, 6): square roots of the traces of its two blocks."""
     shift, turn = (np.sqrt(np.trace(covariance[b, b])) for b in (np.s_[:3], np.s_[3:]))
     return 1e3 * float(shift), float(np.degrees(turn))
 
 
-def compute_nees(T_true, T_found, covariance):
+def compute_nees(T_true: ndarray, T_found: ndarray, covariance: ndarray) -> float:
     """Normalised estimation error squared over its six degrees of freedom."""
     xi = se3_log(invert_pose(T_found) @ T_true)
     return float(xi @ np.linalg.solve(covariance, xi)) / 6
@@ -102,11 +104,15 @@ def summarize_logs(row, n_placements, method, outcomes):
     )
 
 
-def _rms(pairs):
+def _rms(
+    pairs: list[tuple[float, int] | tuple[float, float] | tuple[int, int]],
+) -> tuple[float, float]:
     return tuple(np.sqrt(np.mean(np.square(pairs), axis=0)).tolist())
 
 
-def find_accuracy_goal(row, n_placements, statistics):
+def find_accuracy_goal(
+    row: AccuracyRow, n_placements: int, statistics: DrawStatistics | AccuracyLine
+) -> tuple[float, float]:
     """(mm, deg) that a row is held to at N: its own, or a multiple of the reference found."""
     return (
         row.goals[n_placements]

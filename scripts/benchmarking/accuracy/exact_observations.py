@@ -4,10 +4,18 @@ Rooms, rigs and placements are the simulator's; measurements are thinned so that
 a few hundredths of a second. A sight is the columns of one sensor, target and placement.
 """
 
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
+from numpy import float64, ndarray
 
 from calib.geometry.se3 import invert_pose, transform_points
+from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.sensor_models import sensor_model_from_config
+from calib.targets.board import Board
+from calib.targets.cylinder import Cylinder
+from simulation.session_recording import SessionTruth
 from simulation.world.ray_casting import cast_rays
 from simulation.world.room_scene import find_surface_index, place_surfaces
 
@@ -18,7 +26,14 @@ MIN_COS_INCIDENCE = 0.35  # cosine of incidence
 KEYPOINT_SIGMA_PX = {"pattern_corner": 0.01, "cylinder_limb": 0.05}
 
 
-def observe_with_lidar(session, sensor_name, sensor_block, target_name, shape, placement_index):
+def observe_with_lidar(
+    session: SessionTruth,
+    sensor_name: str,
+    sensor_block: dict[str, Any],
+    target_name: str,
+    shape: Cylinder | Board,
+    placement_index: int,
+) -> Iterator[dict[str, ndarray]]:
     """Sights by a lidar of a target_name (its name and shape) at rest placement_index: returns, crossings."""
     spec, model = session.rig.sensor_specs[sensor_name], sensor_model_from_config(sensor_block)
     T_world_lidar = (
@@ -45,7 +60,9 @@ def observe_with_lidar(session, sensor_name, sensor_block, target_name, shape, p
     yield _keypoint_columns("board_outline", ring, model.azimuth_step / np.sqrt(12), xyz=rays)
 
 
-def select_target_beams(session, target, T_world_lidar, beams, placement_index):
+def select_target_beams(
+    session: SessionTruth, target: str, T_world_lidar: ndarray, beams: ndarray, placement_index: int
+) -> tuple[ndarray, ndarray]:
     """Indices of the beams (n, 3) that meet a target at rest k, a cylinder on its side; and the
     distance (n,) of all."""
     number = find_surface_index(session.scene, target)
@@ -57,13 +74,17 @@ def select_target_beams(session, target, T_world_lidar, beams, placement_index):
     return np.flatnonzero(met), distance
 
 
-def _to_target_frame(T_sensor_target, points, beams):
+def _to_target_frame(
+    T_sensor_target: ndarray, points: ndarray, beams: ndarray
+) -> tuple[ndarray, ndarray]:
     """Points and beams (3, n) in the target's frame."""
     T = invert_pose(T_sensor_target)
     return transform_points(T, points).T, (beams @ T[:3, :3].T).T
 
 
-def exact_outline_crossings(edges, T_sensor_target, elevation_rad):
+def exact_outline_crossings(
+    edges: ndarray, T_sensor_target: ndarray, elevation_rad: ndarray
+) -> tuple[ndarray, ndarray]:
     """Rays (n, 3), lidar frame, at which rings at those elevations, rad, cross edges (e, 2, 3), and
     the number of the ring of each."""
     share = np.linspace(0, 1, N_SAMPLES_PER_EDGE)[:, None]
@@ -80,7 +101,14 @@ def exact_outline_crossings(edges, T_sensor_target, elevation_rad):
     return np.concatenate(rays), np.concatenate(rings)
 
 
-def observe_with_camera(session, sensor_name, sensor_block, target_name, shape, placement_index):
+def observe_with_camera(
+    session: SessionTruth,
+    sensor_name: str,
+    sensor_block: dict[str, Any],
+    target_name: str,
+    shape: Cylinder | Board,
+    placement_index: int,
+) -> Iterator[dict[str, ndarray]]:
     """Sights by a camera: corners of a pattern, or the sides of a cylinder."""
     model = sensor_model_from_config(sensor_block)
     T_world_camera = (
@@ -106,12 +134,12 @@ def observe_with_camera(session, sensor_name, sensor_block, target_name, shape, 
         yield _keypoint_columns("cylinder_limb", side, KEYPOINT_SIGMA_PX["cylinder_limb"], uv=uv)
 
 
-def _project_into_image(model, points):
+def _project_into_image(model: CameraModel, points: ndarray) -> ndarray | None:
     uv, valid = model.project(points)
     return uv if valid.all() and model.is_in_image(uv, 10.0).all() else None
 
 
-def exact_cylinder_limb(shape, T_camera_target):
+def exact_cylinder_limb(shape: Cylinder, T_camera_target: ndarray) -> tuple[ndarray, ndarray]:
     """Points (n, 3), camera frame, m, along the two lines where rays touch a cylinder's side, and
     the side of the axis, +1 or -1, that each is on."""
     eye = invert_pose(T_camera_target)[:3, 3]
@@ -125,7 +153,14 @@ def exact_cylinder_limb(shape, T_camera_target):
     return points, np.sign(np.cross(axis, points) @ centre).astype(int)
 
 
-def _keypoint_columns(kind, index, sigma, xyz=None, uv=None, whitening=np.nan):
+def _keypoint_columns(
+    kind: str,
+    index: ndarray,
+    sigma: float | float64,
+    xyz: ndarray | None = None,
+    uv: ndarray | None = None,
+    whitening: float | list[float] = np.nan,
+) -> dict[str, ndarray]:
     """Columns of a sight that do not depend on whose it is."""
     n = len(index)
     return {

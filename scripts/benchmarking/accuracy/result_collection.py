@@ -4,6 +4,8 @@ The one place where the truth meets the pipeline's files, when all jobs are done
 """
 
 import json
+from pathlib import PosixPath
+from typing import Any
 
 import numpy as np
 import yaml
@@ -29,13 +31,13 @@ from calib.io.table_schemas import PAIRS_SCHEMA, PLACEMENTS_SCHEMA
 NO_REFERENCE = (np.nan, np.nan), np.nan
 
 
-def read_simulated_config(log_folder, path_pattern):
+def read_simulated_config(log_folder: PosixPath, path_pattern: str) -> dict[str, Any]:
     """The content of the one config file of a simulated log that matches."""
     (path,) = (log_folder / "config").glob(f"{path_pattern}.yaml")
     return yaml.safe_load(path.read_text())
 
 
-def find_log_file(log_folder):
+def find_log_file(log_folder: PosixPath) -> PosixPath:
     """The one MCAP file of a simulated log."""
     (path,) = (log_folder / "logs").resolve().glob("*.mcap")
     return path

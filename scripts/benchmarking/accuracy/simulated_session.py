@@ -5,12 +5,14 @@ from argparse import Namespace
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
 from calib.geometry.se3 import invert_pose, pose_from_xyz_quat
 from calib.io.config import validate_and_complete
 from calib.io.parquet_tables import read_table
 from calib.io.pose_block import pose_from_config
 from calib.io.table_schemas import CAMERA_VIEWS_SCHEMA, LIDAR_VIEWS_SCHEMA, PLACEMENTS_SCHEMA
+from calib.sensors.lidar.lidar_model import LidarModel
 from calib.sensors.sensor_models import sensor_model_from_config
 from calib.targets.target_shapes import target_from_config
 from calib.views.windows import is_in_view_cone
@@ -44,12 +46,12 @@ class SimulatedSession:
     exact_data: dict
 
     @property
-    def T_robot_sensor(self):
+    def T_robot_sensor(self) -> ndarray:
         """The true pose (4, 4); nothing but the judgement of a result may ask for it."""
         return self.truth.rig.T_robot_sensor[self.sensor]
 
     @property
-    def sensor_model(self):
+    def sensor_model(self) -> LidarModel:
         return sensor_model_from_config(self.options["sensor"])
 
 
@@ -97,19 +99,19 @@ def make_simulated_session(arguments, sensor, target, settings, placements, view
     return whole
 
 
-def select_kept_views(session, placement):
+def select_kept_views(session: SimulatedSession, placement: int) -> ndarray:
     """Rows of the kept views of a placement."""
     views = session.view_columns
     return np.flatnonzero(views["kept"] & (views["placement"] == placement))
 
 
-def placement_time_span(session, placement):
+def placement_time_span(session: SimulatedSession, placement: int) -> tuple[int, int]:
     """Start and end of a placement, ns."""
     row = np.flatnonzero(session.placement_columns["placement"] == placement)[0]
     return tuple(int(session.placement_columns[k][row]) for k in ("start_ns", "end_ns"))
 
 
-def compute_window_firing(session, placement):
+def compute_window_firing(session: SimulatedSession, placement: int) -> tuple[Firing, ndarray]:
     """Beams (n, 3) of a turn around where the guess expects the target, the time of each after the
     first, ns, and its ring."""
     options, table = session.options, session.placement_columns

@@ -1,6 +1,7 @@
 """What is simulated for a choice of cases, and the config that calibrates all of it in one run."""
 
 from collections import Counter
+from typing import Any
 
 from benchmarking.accuracy.accuracy_cases import (
     DEFAULT_METHOD,
@@ -8,6 +9,7 @@ from benchmarking.accuracy.accuracy_cases import (
     GUESS_ARGUMENTS,
     LOG_ARGUMENTS,
     METHOD_CONFIGS,
+    AccuracyCase,
 )
 
 SPEED_FOLDER = "speed"  # folder of the logs of the row on speed
@@ -15,7 +17,7 @@ SPEED_RIG = "demo"  # of simulate.py, with the noise of a laboratory
 SPEED_SENSORS = ("front_lidar", "rear_lidar", "left_camera")  # those in use
 
 
-def simulated_log_name(log_kind, n_placements, seed):
+def simulated_log_name(log_kind: str, n_placements: int, seed: int) -> str:
     """Folder of a simulated log."""
     return f"{log_kind}-n{n_placements}-s{seed}"
 
@@ -39,7 +41,7 @@ def plan_simulations(cases, speed_placements, n_full_runs):
     return {name: text.split() for name, text in commands.items()}
 
 
-def case_session_config(case, log):
+def case_session_config(case: AccuracyCase, log: str) -> dict[str, str | list[str]]:
     """The session of a case, of the config.yaml of the run."""
     return {
         "rig": case.case_name,
@@ -49,7 +51,16 @@ def case_session_config(case, log):
     }
 
 
-def case_rig_config(case, rig_config):
+def case_rig_config(
+    case: AccuracyCase,
+    rig_config: dict[
+        str,
+        str
+        | dict[str, str | list[str]]
+        | dict[str, dict[str, str]]
+        | dict[str, dict[str, list[int]]],
+    ],
+) -> dict[str, str | dict[str, str | list[str]] | dict[str, dict[str, str]]]:
     """The rig of a case: the simulated one with only the sensor of its row."""
     sensors = {case.row.sensor: rig_config["sensors"][case.row.sensor]}
     return {"body": rig_config["body"], "mocap": rig_config["mocap"], "sensors": sensors}
@@ -60,7 +71,17 @@ def remove_truth(rig_config):
     return {key: value for key, value in rig_config.items() if key != "truth"}
 
 
-def case_target_config(case, target_config):
+def case_target_config(
+    case: AccuracyCase,
+    target_config: dict[
+        str,
+        str
+        | list[list[float | int]]
+        | dict[str, str | list[int] | float | list[float]]
+        | float
+        | dict[str, list[float | int]],
+    ],
+) -> dict[str, Any]:
     """The target of a case: the simulated one, compared by the method of the case."""
     chosen = {} if case.method == DEFAULT_METHOD else METHOD_CONFIGS[case.method]
     return target_config | chosen

@@ -4,7 +4,7 @@ import json
 import subprocess
 import sys
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PosixPath
 
 from benchmarking.decode_cost import large_logs
 from benchmarking.decode_cost.large_logs import BODY_NAMES, large_log_sensors, write_large_log
@@ -33,7 +33,7 @@ class DecodeCostRow:
     raw_cost: StageCost
 
     @property
-    def cpu_ratio(self):
+    def cpu_ratio(self) -> float:
         """CPU time of decode over that of mcap's own reader, start of Python included in both."""
         return self.decode_cost.cpu_s / self.raw_cost.cpu_s
 
@@ -52,7 +52,7 @@ def measure_decode_costs(folder, is_quick):
     return [measure_one_log(folder / "ingest.mcap", *of) for of in plan_decode_logs(is_quick)]
 
 
-def measure_one_log(path, compression, content_bytes):
+def measure_one_log(path: PosixPath, compression: str, content_bytes: float) -> DecodeCostRow:
     """The Row of a log at path."""
     try:
         messages = write_large_log(path, compression, content_bytes)
@@ -63,7 +63,9 @@ def measure_one_log(path, compression, content_bytes):
     return DecodeCostRow(compression, content_bytes, messages, decode, raw)
 
 
-def decode_arguments(path):
+def decode_arguments(
+    path: PosixPath,
+) -> tuple[str, PosixPath, str, PosixPath, str, PosixPath, str, str]:
     """Of scripts/decode.py, for a log of `repeated`; its outputs go beside it."""
     mocap = {"topics": ["/tf"], "map": large_logs.MAP_FRAME, "max_gap_s": 0.05}
     options = {
@@ -80,7 +82,7 @@ def decode_arguments(path):
     return *written, "--options", json.dumps(options)
 
 
-def run_and_parse_cost(*command):
+def run_and_parse_cost(*command) -> StageCost:
     """The Cost that a script of this checkout says it had."""
     # A shell in between: a process inherits the peak memory of the one that starts it.
     words = ["/bin/sh", "-c", '"$@"; exit $?', "sh", sys.executable, *command]
@@ -94,21 +96,21 @@ def run_and_parse_cost(*command):
     return StageCost(1, float(wall), float(cpu), int(memory))
 
 
-def build_decode_section(rows):
+def build_decode_section(rows: list[DecodeCostRow]) -> PageSection:
     """The Section on Rows."""
     return PageSection(
         "Decoding", f"{DECODE_INTRO}\n\n{format_decode_table(rows)}", check_decode_goals(rows)
     )
 
 
-def format_decode_table(rows):
+def format_decode_table(rows: list[DecodeCostRow]) -> str:
     """The table of Rows."""
     head = ("chunks", "messages, GB", "messages", "decode, CPU s", "MB/s", "messages/s", "peak, MB")
     head += ("mcap's reader, CPU s", "MB/s", "messages/s", "peak, MB", "decode / reader")
     return format_markdown_table(head, [_decode_cells(r) for r in rows])
 
 
-def _decode_cells(row):
+def _decode_cells(row: DecodeCostRow) -> list[str]:
     cells = [
         row.compression,
         format_two_digits(row.content_bytes / BYTES_PER_GB),
@@ -120,7 +122,7 @@ def _decode_cells(row):
     return [*cells, format_two_digits(row.cpu_ratio)]
 
 
-def check_decode_goals(rows):
+def check_decode_goals(rows: list[DecodeCostRow]) -> list[str]:
     """Sentences on what the Rows do not reach; small logs are held to no time, for most of that is
     the start of Python."""
     out = []

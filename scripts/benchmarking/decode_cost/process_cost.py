@@ -52,7 +52,7 @@ class RunSpeed:
     decode_memory_mb: list
 
 
-def parse_stage_costs(log_texts):
+def parse_stage_costs(log_texts: list[str]) -> dict[str, StageCost]:
     """{stage: Cost} from the texts of the jobs' logs, in the order of the data's flow."""
     found = {}
     for text in log_texts:
@@ -76,7 +76,7 @@ def time_raw_read(log_path):
     return time.process_time() - begin
 
 
-def describe_machine():
+def describe_machine() -> str:
     """What it runs on, in words."""
     cpuinfo = Path("/proc/cpuinfo")
     text = cpuinfo.read_text() if cpuinfo.exists() else ""

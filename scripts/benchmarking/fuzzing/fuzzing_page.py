@@ -3,7 +3,7 @@
 from collections import Counter
 
 from benchmarking.fuzzing import case_runner
-from benchmarking.fuzzing.case_runner import CASE_ENDS, CASE_KINDS
+from benchmarking.fuzzing.case_runner import CASE_ENDS, CASE_KINDS, FuzzOutcome
 from benchmarking.fuzzing.small_recordings import FUZZ_CONTAINERS
 from benchmarking.page.markdown import PageSection, format_markdown_table
 
@@ -43,7 +43,7 @@ def build_fuzz_section(outcomes):
     return PageSection("Damaged input", text, check_fuzz_goals(outcomes))
 
 
-def check_fuzz_goals(outcomes):
+def check_fuzz_goals(outcomes: list[FuzzOutcome]) -> list[str]:
     """Sentences on what does not hold for all cases."""
     broken = [o for o in outcomes if o.end == "broken"]
     memory = max(o.peak_memory_mb for o in outcomes)

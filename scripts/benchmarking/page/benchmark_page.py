@@ -9,9 +9,12 @@ from benchmarking.accuracy.accuracy_cases import (
     MAX_SINGLE_RATIO,
     UNMEASURED_GOALS,
 )
-from benchmarking.accuracy.error_metrics import find_accuracy_goal
-from benchmarking.decode_cost.process_cost import describe_machine
+from benchmarking.accuracy.covariance_coverage import CoverageResult
+from benchmarking.accuracy.draw_statistics import DrawStatistics
+from benchmarking.accuracy.error_metrics import AccuracyLine, find_accuracy_goal
+from benchmarking.decode_cost.process_cost import RunSpeed, describe_machine
 from benchmarking.page.markdown import (
+    PageSection,
     check_error_goal,
     format_goal_ratio,
     format_markdown_table,
@@ -40,12 +43,12 @@ SPEED_GOALS = {"wall": 14.0, "solve": 1.0, "memory": 600}  # s, s, MB
 MAX_CPU_RATIO = 1.5  # time of decode over that of mcap's own reader
 
 
-def format_accuracy_table(lines):
+def format_accuracy_table(lines: list[AccuracyLine]) -> str:
     """The accuracy table of Lines."""
     return format_markdown_table(ACCURACY_COLUMNS, [format_accuracy_row(line) for line in lines])
 
 
-def format_accuracy_row(line):
+def format_accuracy_row(line: AccuracyLine) -> list[str]:
     row, held = line.row, line.method == DEFAULT_METHOD and line.row.is_noise_free
     goal = find_accuracy_goal(row, line.n_placements, line) if held else None
     return [
@@ -171,7 +174,15 @@ def describe_decode_cost(run_speed):
     )
 
 
-def render_benchmark_page(lines, run_speed, draw_results, sections, is_quick):
+def render_benchmark_page(
+    lines: list[AccuracyLine],
+    run_speed: RunSpeed,
+    draw_results: tuple[
+        dict[tuple[str, int], DrawStatistics], list[CoverageResult], dict[str, DrawStatistics]
+    ],
+    sections: tuple[PageSection, PageSection],
+    is_quick: bool,
+) -> str:
     """The page; draw_results: (draws, coverage, full runs); sections: [Section] after those; is_quick: only
     the smallest N."""
     parts = {

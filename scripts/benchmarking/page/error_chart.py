@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from benchmarking.accuracy.accuracy_cases import DEFAULT_METHOD
-from benchmarking.accuracy.error_metrics import find_accuracy_goal
+from benchmarking.accuracy.draw_statistics import DrawStatistics
+from benchmarking.accuracy.error_metrics import AccuracyLine, find_accuracy_goal
 
 FIGURE_SIZE_INCH = (9.0, 6.4)  # inch
 CHART_MARKERS = {  # marker, colour, size
@@ -25,7 +26,9 @@ CHART_MARKERS = {  # marker, colour, size
 MIN_DRAWN_ERROR = (1e-6, 1e-7)  # mm, deg: below it an error is drawn at the edge
 
 
-def collect_chart_marks(line, draw_statistics):
+def collect_chart_marks(
+    line: AccuracyLine, draw_statistics: dict[tuple[str, int], DrawStatistics]
+) -> dict[str, tuple[float, float]]:
     """{what: (mm, deg)} that one line puts into the figure; draw_statistics: {(key, N): Statistics} of many
     draws of the noise, which say more than the error of one log."""
     out = {line.method: line.error}
@@ -39,7 +42,9 @@ def collect_chart_marks(line, draw_statistics):
     return {k: v for k, v in out.items() if v is not None and np.all(np.isfinite(v))}
 
 
-def draw_error_chart(lines, draw_statistics):
+def draw_error_chart(
+    lines: list[AccuracyLine], draw_statistics: dict[tuple[str, int], DrawStatistics]
+) -> Figure:
     """Millimetres on the left, degrees on the right, one row per case and N."""
     matplotlib.rcdefaults()
     matplotlib.rcParams.update({"svg.fonttype": "none", "font.size": 8})
@@ -71,7 +76,9 @@ def draw_chart_legend(fig):
     fig.legend(handles, shown, loc="upper center", ncols=len(shown), frameon=False)
 
 
-def render_error_chart_svg(lines, draw_statistics):
+def render_error_chart_svg(
+    lines: list[AccuracyLine], draw_statistics: dict[tuple[str, int], DrawStatistics]
+) -> bytes:
     """The figure as SVG, the same bytes for the same figures."""
     fig, buffer = draw_error_chart(lines, draw_statistics), io.StringIO()
     matplotlib.rcParams["svg.hashsalt"] = "benchmark"

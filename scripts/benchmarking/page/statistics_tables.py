@@ -1,5 +1,8 @@
 """Tables of many draws, of coverage and of full runs, and what they fall short of, as Markdown."""
 
+from typing import Any
+
+from numpy import float64
 from scipy.stats import binom
 
 from benchmarking.accuracy.accuracy_cases import (
@@ -7,8 +10,14 @@ from benchmarking.accuracy.accuracy_cases import (
     COVERAGE_GOAL,
     MAX_RMS_RATIO,
     MAX_SINGLE_RATIO,
+    AccuracyRow,
 )
-from benchmarking.accuracy.draw_statistics import CONFIDENCE_LEVEL, compute_nees_band
+from benchmarking.accuracy.covariance_coverage import CoverageResult
+from benchmarking.accuracy.draw_statistics import (
+    CONFIDENCE_LEVEL,
+    DrawStatistics,
+    compute_nees_band,
+)
 from benchmarking.accuracy.error_metrics import find_accuracy_goal
 from benchmarking.page.markdown import (
     check_error_goal,
@@ -40,7 +49,9 @@ COVERAGE_COLUMNS = ("case", "draws", "sensor", "NEES over its degrees of freedom
 FULL_RUN_COLUMNS = ("sensor", "runs", "RMS error", "σ reported", "NEES/6 [band]", "held")
 
 
-def order_by_row(draw_statistics):
+def order_by_row(
+    draw_statistics: dict[tuple[str, int], DrawStatistics],
+) -> list[tuple[AccuracyRow, int, DrawStatistics]]:
     """[(row, N, Statistics)] of {(key, N): Statistics}, in the order of the rows."""
     return [
         (row, n, draw_statistics[row.key, n])
@@ -50,14 +61,14 @@ def order_by_row(draw_statistics):
     ]
 
 
-def format_draw_table(draw_statistics):
+def format_draw_table(draw_statistics: dict[tuple[str, int], DrawStatistics]) -> str:
     """The table of {(key, N): Statistics}."""
     return format_markdown_table(
         DRAW_COLUMNS, [_format_draw_row(*item) for item in order_by_row(draw_statistics)]
     )
 
 
-def _format_draw_row(row, n_placements, statistics):
+def _format_draw_row(row: AccuracyRow, n_placements: int, statistics: DrawStatistics) -> list[str]:
     most = find_accuracy_goal(row, n_placements, statistics)
     return [
         row.title,
@@ -101,7 +112,7 @@ def format_coverage_table(coverage_results):
     )
 
 
-def format_full_run_table(run_statistics):
+def format_full_run_table(run_statistics: dict[str, DrawStatistics]) -> str:
     """The table of {sensor: Statistics} of full runs, whose reference is σ as reported."""
     return format_markdown_table(
         FULL_RUN_COLUMNS,
@@ -119,7 +130,9 @@ def format_full_run_table(run_statistics):
     )
 
 
-def check_draw_goals(draw_statistics, coverages, run_statistics):
+def check_draw_goals(
+    draw_statistics: dict[Any, Any], coverages: list[CoverageResult], run_statistics: dict[Any, Any]
+) -> list[str | Any]:
     """Sentences on what the three tables do not reach."""
     out = [s for item in order_by_row(draw_statistics) for s in _check_row_goals(*item)]
     for c in coverages:
@@ -138,7 +151,7 @@ def check_draw_goals(draw_statistics, coverages, run_statistics):
     return out
 
 
-def compute_coverage_band(n_draws):
+def compute_coverage_band(n_draws: int) -> tuple[float64, float64] | tuple[float, float]:
     """HELD, or where that is wider, as with few draws, what chance does to an honest share."""
     low, high = (
         binom.ppf(
@@ -149,7 +162,7 @@ def compute_coverage_band(n_draws):
     return min(COVERAGE_GOAL[0], low), max(COVERAGE_GOAL[1], high)
 
 
-def _check_row_goals(row, n_placements, statistics):
+def _check_row_goals(row: AccuracyRow, n_placements: int, statistics: DrawStatistics) -> list[str]:
     where = f"{row.title}, N = {n_placements}, {statistics.n_results} draws"
     own = "" if row.goals else f" ({MAX_RMS_RATIO} × the reference)"
     out = describe_failed_draws(where, statistics) + check_error_goal(
@@ -163,7 +176,7 @@ def _check_row_goals(row, n_placements, statistics):
     return out + check_nees_band(where, statistics.mean_nees, statistics.n_results)
 
 
-def describe_failed_draws(case_label, statistics):
+def describe_failed_draws(case_label: str, statistics: DrawStatistics) -> list[Any]:
     """A sentence on draws without a pose, if there are any."""
     return (
         [f"{case_label}: {statistics.lost} of {statistics.count + statistics.lost} without a pose"]
@@ -172,7 +185,7 @@ def describe_failed_draws(case_label, statistics):
     )
 
 
-def check_nees_band(case_label, nees, n_draws, n_dof=6):
+def check_nees_band(case_label: str, nees: float, n_draws: int, n_dof: int = 6) -> list[str | Any]:
     """A sentence on a NEES outside its band, if it is."""
     low, high = compute_nees_band(n_draws, n_dof)
     if low <= nees <= high:
