@@ -1,12 +1,12 @@
 """Errors against the truth, of one calibration and over several logs."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy import ndarray
 
 from benchmarking.accuracy.accuracy_cases import ACCURACY_ROWS, MAX_RMS_RATIO, AccuracyRow
-from benchmarking.accuracy.draw_statistics import DrawStatistics
 from calib.geometry.se3 import invert_pose, rotation_angle, se3_log
 
 
@@ -23,6 +23,13 @@ class CalibrationOutcome:
     pixel_error_px: float = (
         np.nan
     )  # error of a corner or contour point per axis at the truth, px, rms
+
+
+class HasReference(Protocol):
+    """A line or statistics with the reference accuracy, (mm, deg)."""
+
+    @property
+    def reference(self) -> tuple[float, float]: ...
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,7 @@ def _rms(
 
 
 def find_accuracy_goal(
-    row: AccuracyRow, n_placements: int, statistics: DrawStatistics | AccuracyLine
+    row: AccuracyRow, n_placements: int, statistics: HasReference
 ) -> tuple[float, float]:
     """(mm, deg) that a row is held to at N: its own, or a multiple of the reference found."""
     return (
