@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib.estimation.measurement_groups import make_still_placements
-from calib.estimation.moving_view_poses import make_moving_placement
+from calib.estimation.moving_view_poses import TargetPath, make_moving_placement
 from calib.extraction.extraction_inputs import ExtractionContext
 from calib.extraction.extractor_registry import KEYPOINT_EXTRACTORS, extract_views_at_pose
 from calib.geometry.units import NS_PER_S
@@ -51,7 +51,11 @@ def make_extraction_context(options, model, placement_table, guess):
         model=model,
         targets={n: target_from_config(c) for n, c in options["targets"].items()},
         placements=make_still_placements(
-            placement_table, "", options["targets"], options["mocap"], mounts
+            placement_table,
+            "",
+            targets=options["targets"],
+            mocap_noise=options["mocap"],
+            mounts=mounts,
         ),
         T_robot_sensor=np.array(guess["T_robot_sensor"]["matrix"]),
         guess_sigma=sigma,
@@ -73,8 +77,13 @@ def extract_moving_views(context, views, T_robot_sensor, options, poses, guess):
         t = int(views["stamp_ns"][i]) + late
         if "point_time_ns" in views:
             t += int(np.median(views["point_time_ns"][i]))
-        given = context.name, t, paths[target], mounts[target], options["mocap"]
-        places[int(views["placement"][i])] = make_moving_placement("", target, *given)
+        places[int(views["placement"][i])] = make_moving_placement(
+            TargetPath(target, mounts[target], paths[target]),
+            session="",
+            sensor=context.name,
+            time_ns=t,
+            mocap_noise=options["mocap"],
+        )
     there = replace(context, placements={k: p for k, p in places.items() if p is not None})
     return extract_views_at_pose(options["sensor"]["kind"], there, views, T_robot_sensor)
 

@@ -1,18 +1,21 @@
-"""All sensors, targets and sessions of a rig in one problem.
+"""Estimate all sensors, targets and sessions of a rig in one problem.
 
-Reads   pairs.parquet, placements.parquet and mocap.parquet of all its sessions, moving_keypoints.parquet of
-        all their sensors
+Reads   pairs.parquet, placements.parquet and mocap.parquet of all its sessions,
+        moving_keypoints.parquet of all their sensors
 Writes  solution.json       poses, joint covariance, noise, observability, a status per sensor
         residuals.parquet   one row per measurement
-        iterations.parquet  one row per round of solving and re-association
-Decides which measurements are members, with the library function that associate uses, until
-nothing moves. A sensor that the data cannot place gets no pose, and stops no other.
+        iterations.parquet  one row per round of solving and reassignment
+Starts from the assignments in pairs.parquet and assigns again after each round, until nothing
+changes. A sensor that the data do not determine gets no pose; the others are not affected.
 """
 
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
+
+import numpy as np
 
 from calib.diagnosis.model_selection import estimate_with_corrections
 from calib.diagnosis.next_best_view import find_best_views
@@ -21,12 +24,16 @@ from calib.diagnosis.session_repeatability import repeatability_json
 from calib.diagnosis.solution_json import solution_json
 from calib.estimation.corrections.correction_estimate import correction_estimates
 from calib.estimation.corrections.robot_markers import make_markers_corrections, robot_markers_json
+from calib.estimation.estimation_problem import Setup
+from calib.estimation.estimation_result import EstimationResult
+from calib.estimation.moving_view_poses import MovingSession, add_moving_views
 from calib.estimation.problem_assembly import (
-    add_moving_views,
+    SessionKeypoints,
     build_setup,
     iteration_limits,
     mounts_from_guesses,
-    read_session_placements,
+    reject_lens_mismatches,
+    session_keypoints_from_notes,
     statuses_before_solve,
 )
 from calib.io.parquet_tables import read_table, write_table
@@ -39,33 +46,47 @@ from calib.io.table_schemas import (
     PLACEMENTS_SCHEMA,
     RESIDUALS_SCHEMA,
 )
-from calib.sensors.lens_from_log import reject_lens_mismatches, with_lens_from_log
+from calib.sensors.lens_from_log import with_lens_from_log
 
 
-def read_paired_sessions(args, options):
-    """{session: (pairs columns, notes, Placements by number)}, and the mounts that guess found:
-    T_body_target (4, 4) to start from, by target."""
-    read = [read_table(path, PAIRS_SCHEMA) for path in args.pairs]
-    mounts = mounts_from_guesses([notes for _, _, notes in read])
-    out, anew = {}, options["remounted"]
-    for session, (pairs, _, notes), path in zip(
-        options["sessions"], read, args.placements, strict=True
-    ):
-        table, _, _ = read_table(path, PLACEMENTS_SCHEMA)
-        out[session] = pairs, notes, read_session_placements(table, session, notes, mounts, options)
-    # Those whose markers define R come first: their sensors' poses are in it.
-    return {s: out[s] for s in sorted(out, key=lambda s: (s in anew, s))}, mounts
+def read_sessions(
+    args: argparse.Namespace, options: dict[str, Any]
+) -> tuple[list[SessionKeypoints], dict[str, np.ndarray]]:
+    """Return the sessions, and T_body_target (4, 4) of the targets whose mount a guess found.
+
+    Sessions whose markers were not re-attached come first: they define the robot frame.
+    """
+    tables = [read_table(path, PAIRS_SCHEMA) for path in args.pairs]
+    notes_of_sessions = [notes for _, _, notes in tables]
+    mounts = mounts_from_guesses(
+        {n: note["guess"] for n, note in notes.items()} for notes in notes_of_sessions
+    )
+    paths = zip(options["sessions"], tables, args.placements, strict=True)
+    sessions = [
+        session_keypoints_from_notes(
+            session=session,
+            keypoints=pairs,
+            notes=notes,
+            placement_columns=read_table(path, PLACEMENTS_SCHEMA)[0],
+            mounts=mounts,
+            options=options,
+        )
+        for session, (pairs, _, notes), path in paths
+    ]
+    sessions.sort(key=lambda s: (s.session in options["remounted"], s.session))
+    return sessions, mounts
 
 
-def read_moving_keypoints(args, options):
-    """{session: (columns of the MCS's poses, topics by body, {sensor: columns of its views in
-    motion})}."""
-    files, out = iter(args.moving_keypoints), {}
+def read_moving_sessions(args: argparse.Namespace, options: dict[str, Any]) -> list[MovingSession]:
+    """Return motion capture and moving keypoints of every session."""
+    files = iter(args.moving_keypoints)
+    out = []
     for session, path in zip(options["sessions"], args.mocap, strict=True):
-        sensors = options["used"][session]
-        tracked = {name: read_table(next(files), KEYPOINTS_SCHEMA)[0] for name in sensors}
-        poses, _, notes = read_table(path, MOCAP_SCHEMA)
-        out[session] = poses, notes["topics"], tracked
+        mocap_columns, _, notes = read_table(path, MOCAP_SCHEMA)
+        keypoints = {
+            n: read_table(next(files), KEYPOINTS_SCHEMA)[0] for n in options["used"][session]
+        }
+        out.append(MovingSession(session, mocap_columns, notes["topics"], keypoints))
     return out
 
 
@@ -81,48 +102,71 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
-def main(argv=None):
+def main(argv: Sequence[str] | None = None) -> None:
     args = _parse_arguments(argv)
     options = args.options
-    sessions, mounts = read_paired_sessions(args, options)
+    setup, result, content = estimate_rig(args, options)
+    write_json(args.solution, content)
+    write_table(args.residuals, RESIDUALS_SCHEMA, residual_columns(setup, result))
+    rows = {k: [dict(row)[k] for row in result.rounds] for k in ITERATIONS_SCHEMA.names}
+    write_table(args.iterations, ITERATIONS_SCHEMA, rows)
+    log_result(setup, result)
+
+
+def estimate_rig(
+    args: argparse.Namespace, options: dict[str, Any]
+) -> tuple[Setup, EstimationResult, dict[str, Any]]:
+    """Estimate the rig; return the Setup, its result and the content of solution.json."""
+    sessions, mounts = read_sessions(args, options)
     sessions = reject_lens_mismatches(sessions)
-    guesses = ((n, note["guess"]) for _, notes, _ in sessions.values() for n, note in notes.items())
+    guesses = (item for session in sessions for item in session.guesses.items())
     options["sensors"] = with_lens_from_log(options["sensors"], guesses)
-    setup, start = build_setup(sessions, mounts, options)
-    notes = {s: found for s, (_, found, _) in sessions.items()}
-    setup = replace(setup, corrections=tuple(make_markers_corrections(notes, options["remounted"])))
-    wanted, most = options["solve"]["estimate"], iteration_limits(setup, options["solve"])
-    moving = partial(
-        add_moving_views,
-        moving_by_session=read_moving_keypoints(args, options),
-        sessions=sessions,
-        options=options,
+    setup, T_robot_sensor = build_setup(sessions, mounts, options)
+    poses = {
+        s.session: {n: {"T_robot_sensor": s.T_robot_sensor.get(n)} for n in s.guesses}
+        for s in sessions
+    }
+    markers = make_markers_corrections(poses, options["remounted"])
+    setup = replace(setup, corrections=tuple(markers))
+    limits = iteration_limits(setup, options["solve"])
+    setup, result, suspected = estimate_with_corrections(
+        setup,
+        T_robot_sensor,
+        options["solve"]["estimate"],
+        partial(
+            add_moving_views,
+            moving_sessions=read_moving_sessions(args, options),
+            sessions=sessions,
+            options=options,
+        ),
+        **limits,
     )
-    setup, result, suspected = estimate_with_corrections(setup, start, wanted, moving, **most)
-    known = statuses_before_solve(sessions, options)
-    content = solution_json(setup, result, suspected, known, options)
+    statuses = statuses_before_solve(options["sensors"], sessions)
+    content = solution_json(setup, result, suspected, statuses, options)
     content["sessions"] |= robot_markers_json(setup, result) if result.solve_result else {}
     placed = [n for n, sensor in content["sensors"].items() if sensor["T_robot_sensor"]]
     views = find_best_views(setup, result, placed, options["views"])
     for name, sensor in content["sensors"].items():
         sensor["next_view"] = views.get(name)
-    content["repeatability"] = repeatability_json(setup, result, **most)
-    write_json(args.solution, content)
-    write_table(args.residuals, RESIDUALS_SCHEMA, residual_columns(setup, result))
-    rounds = {k: [r[k] for r in result.rounds] for k in ITERATIONS_SCHEMA.names}
-    write_table(args.iterations, ITERATIONS_SCHEMA, rounds)
-    for r in result.rounds:
+    content["repeatability"] = repeatability_json(setup, result, **limits)
+    return setup, result, content
+
+
+def log_result(setup: Setup, result: EstimationResult) -> None:
+    """Log the rounds, whether they converged, and what was estimated beside the poses."""
+    for row in result.rounds:
         logger.info(
             "round %(round)d: cost %(cost).6g, %(ipopt_iterations)d iterations, "
-            "%(n_inliers)d inliers, %(n_reassigned)d reassigned, step %(step_m).1e m %(step_rad).1e rad",
-            r,
+            "%(n_inliers)d inliers, %(n_reassigned)d reassigned, "
+            "step %(step_m).1e m %(step_rad).1e rad",
+            row,
         )
-    logger.info("settled" if result.has_converged else "not settled")
+    logger.info("converged" if result.has_converged else "not converged")
     for estimate in correction_estimates(setup, result):
         text = estimate.correction.describe(estimate.values, estimate.sigma)
         logger.info("correction: %s", text)
     for target in sorted(set(setup.initial_mounts) & set(setup.mount_sigma)):
-        logger.info("estimated besides: T_body_target of %s", target)
+        logger.info("also estimated: T_body_target of %s", target)
 
 
 if __name__ == "__main__":

@@ -23,8 +23,8 @@ from benchmarking.accuracy.noise_draws import (
 )
 from benchmarking.accuracy.simulated_session import make_simulated_session, select_kept_views
 from calib.estimation.estimate_state import initial_state
-from calib.estimation.problem_assembly import build_setup
-from calib.estimation.solver import assign_measurements
+from calib.estimation.measurement_assignment import assign_measurements
+from calib.estimation.problem_assembly import SessionKeypoints, build_setup
 from calib.geometry.se3 import invert_pose, pose_from_xyz_quat, pose_to_quat, se3_log
 from calib.io.config import validate_and_complete
 from simulate import draw_sessions, parse_simulation_arguments
@@ -44,8 +44,10 @@ def seen():
 
 def exactly(case):
     """The Setup of a Geometry without any noise."""
-    notes = {n: {"T_robot_sensor": T} for n, T in case.T_robot_sensor.items()}
-    sessions = {k: (pairs, notes, case.placements[k]) for k, pairs in case.measurements.items()}
+    sessions = [
+        SessionKeypoints(k, pairs, case.placements[k], case.T_robot_sensor)
+        for k, pairs in case.measurements.items()
+    ]
     return build_setup(sessions, {}, case.options)[0]
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from calib.estimation.corrections.clock_offset import TimeOffsetCorrection
 from calib.estimation.estimation_problem import MeasurementGroup, Setup
-from calib.estimation.moving_view_poses import make_moving_placement
+from calib.estimation.moving_view_poses import TargetPath, make_moving_placement
 from calib.estimation.solver import estimate_poses
 from calib.geometry.se3 import invert_pose, mean_pose, pose_from_xyz_quat, transform_points
 from calib.geometry.units import NS_PER_S
@@ -62,8 +62,15 @@ def setup():
     fast = [i for i in seen if moving_view_selection._has_useful_speed(fits[i].velocity)]
     places, groups = [], []
     for i in fast[:: max(1, len(fast) // 400)]:
-        known = path, mount.T_body_target, MOCAP
-        places.append(make_moving_placement("s", "board", "camera", int(stamps[i]), *known))
+        places.append(
+            make_moving_placement(
+                TargetPath("board", mount.T_body_target, path),
+                session="s",
+                sensor="camera",
+                time_ns=int(stamps[i]),
+                mocap_noise=MOCAP,
+            )
+        )
         uv, _ = CAMERA.project(transform_points(T_camera_board[i], BOARD.pattern.corners()))
         n = len(uv)
         columns = {
@@ -86,5 +93,7 @@ def setup():
 
 def test_vicon_is_14_to_22_ms_ahead_of_the_camera_as_three_others_found(setup):
     made, start = setup
-    result = estimate_poses(made, start, 60, 1e-7, 1e-7, 10.0)
+    result = estimate_poses(
+        made, start, max_rounds=60, tolerance_m=1e-7, tolerance_rad=1e-7, initial_noise_factor=10.0
+    )
     assert 0.014 < result.state.correction_values[0] < 0.022

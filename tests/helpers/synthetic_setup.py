@@ -95,7 +95,14 @@ def make_synthetic_setup(
 def solve_synthetic_setup(setup, max_rounds=30):
     """The Result of so many rounds at most from a start that is off by about 5 mm and 0.3°."""
     start = {n: TRUE_POSES[n] @ se3_exp(np.full(6, 0.005)) for n in setup.models}
-    return estimate_poses(setup, start, max_rounds, 1e-5, 1e-5, 100.0)
+    return estimate_poses(
+        setup,
+        start,
+        max_rounds=max_rounds,
+        tolerance_m=1e-5,
+        tolerance_rad=1e-5,
+        initial_noise_factor=100.0,
+    )
 
 
 def _draw_target_pose(rng, name, axis):

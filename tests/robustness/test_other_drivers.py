@@ -8,10 +8,12 @@ import pytest
 
 from calib.decoding.decoded_log import DecodedLog, build_frame_columns, infer_stream_clocks
 from calib.decoding.sensor_audit import audit_sensor
+from calib.estimation.problem_assembly import SessionKeypoints, reject_lens_mismatches
 from calib.io.logs.ros_messages import CLOUD_TYPE, IMAGE_TYPE
 from calib.io.parquet_tables import read_table
+from calib.io.status import OK
 from calib.io.table_schemas import CAMERA_VIEWS_SCHEMA, LIDAR_VIEWS_SCHEMA
-from calib.sensors.lens_from_log import reject_lens_mismatches, with_lens_from_log
+from calib.sensors.lens_from_log import with_lens_from_log
 from helpers.small_run import SMALL_ARGUMENTS, run_to_completion, simulate_into
 from simulate import draw_sessions, parse_simulation_arguments
 from simulation.config_and_truth import write_simulated_config, write_truth
@@ -207,30 +209,34 @@ LENS = {"model": "radtan", "size_px": [900, 700], "params": [800.0, 800, 450, 35
 OTHER = LENS | {"params": [801.0, *LENS["params"][1:]]}
 
 
-def session(*cameras):
-    """(pairs, notes) of a camera, left, with that lens and a lidar without."""
-    notes = {"lidar": {"guess": {"camera": None}, "status": {"ok": True}}}
-    if cameras:
-        notes["left"] = {"guess": {"camera": cameras[0]}, "status": {"ok": True}}
-    return {"sensor": np.array(["left", "lidar", "left"])}, notes
+def session(name, camera=None):
+    """A session of a camera, left, with that lens and a lidar without."""
+    guesses = {"lidar": {"camera": None}} | dict.fromkeys(
+        ["left"] if camera else [], {"camera": camera}
+    )
+    return SessionKeypoints(
+        session=name,
+        keypoints={"sensor": np.array(["left", "lidar", "left"])},
+        placements={},
+        T_robot_sensor={},
+        guesses=guesses,
+        statuses=dict.fromkeys(guesses, OK),
+    )
 
 
 def test_a_camera_with_another_lens_in_another_session_fails_and_leaves_the_lidar():
-    found = reject_lens_mismatches(
-        {"one": session(LENS), "two": session(OTHER), "three": session()}
-    )
-    for name in ("one", "two"):
-        pairs, notes = found[name]
-        assert pairs["sensor"].tolist() == ["lidar"] and notes["lidar"]["status"]["ok"]
-        told = notes["left"]["status"]
-        assert told["reason"] == "CameraInfo of left differs between sessions"
-        assert told["found"].startswith("radtan 800 800 450 350 0 0 0 0 in one and radtan 801 800")
-        assert "write params" in told["remedy"]
+    found = reject_lens_mismatches([session("one", LENS), session("two", OTHER), session("three")])
+    for made in found[:2]:
+        assert made.keypoints["sensor"].tolist() == ["lidar"] and made.statuses["lidar"].ok
+        status = made.statuses["left"]
+        assert status.reason == "CameraInfo of left differs between sessions"
+        assert status.found.startswith("radtan 800 800 450 350 0 0 0 0 in one and radtan 801 800")
+        assert "write params" in status.remedy
 
 
 def test_one_lens_in_all_sessions_is_that_of_the_camera():
-    given = {"one": session(LENS), "two": session(LENS), "three": session()}
-    assert reject_lens_mismatches(given) == given
+    given = [session("one", LENS), session("two", LENS), session("three")]
+    assert all(a is b for a, b in zip(reject_lens_mismatches(given), given, strict=True))
     guesses = [("left", {"camera": None}), ("left", {"camera": LENS}), ("lidar", {"camera": None})]
     blocks = {"left": {"kind": "camera", "topic": "/it"}, "lidar": {"kind": "lidar"}}
     found = with_lens_from_log(blocks, guesses)

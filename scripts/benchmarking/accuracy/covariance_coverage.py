@@ -17,7 +17,7 @@ from benchmarking.accuracy.draw_statistics import (
 )
 from benchmarking.accuracy.exact_observations import OBSERVERS
 from calib.estimation.measurement_groups import make_still_placements
-from calib.estimation.problem_assembly import build_setup
+from calib.estimation.problem_assembly import SessionKeypoints, build_setup
 from calib.estimation.solver import estimate_poses
 from calib.geometry.se3 import invert_pose, pose_to_quat, se3_exp, se3_log
 from calib.io.config import validate_and_complete
@@ -92,7 +92,9 @@ def exact_placements(session, options):
         "mean_pose_sigma_factor": np.full(len(T), N_MCS_SAMPLES**-0.5),
         "residual_drift": np.zeros((len(T), 6)),
     }
-    return make_still_placements(table, session.name, options["targets"], options["mocap"])
+    return make_still_placements(
+        table, session.name, targets=options["targets"], mocap_noise=options["mocap"]
+    )
 
 
 def exact_measurements(session, options):
@@ -126,18 +128,24 @@ def draw_coverage_error(case, seed):
         n: T @ se3_exp(rng.uniform(-MAX_START_ERROR, MAX_START_ERROR, 6))
         for n, T in case.T_robot_sensor.items()
     }
-    notes = {n: {"T_robot_sensor": T} for n, T in start.items()}
-    sessions = {
-        name: (
-            add_measurement_noise(columns, case, rng),
-            notes,
-            add_mocap_errors(case.placements[name], rng),
+    sessions = [
+        SessionKeypoints(
+            session=name,
+            keypoints=add_measurement_noise(columns, case, rng),
+            placements=add_mocap_errors(case.placements[name], rng),
+            T_robot_sensor=start,
         )
         for name, columns in case.measurements.items()
-    }
+    ]
     setup, start = build_setup(sessions, {}, case.options)
-    limits = case.options["solve"]["max_rounds"], 1e-6, 1e-6
-    result = estimate_poses(setup, start, *limits, initial_noise_factor=10.0)
+    result = estimate_poses(
+        setup,
+        start,
+        max_rounds=case.options["solve"]["max_rounds"],
+        tolerance_m=1e-6,
+        tolerance_rad=1e-6,
+        initial_noise_factor=10.0,
+    )
     names = sorted(case.T_robot_sensor)
     found = result.solve_result.covariance[: 6 * len(names), : 6 * len(names)]
     T = result.state.T_robot_sensor

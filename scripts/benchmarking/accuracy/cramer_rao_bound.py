@@ -14,19 +14,17 @@ from numpy import ndarray
 
 from calib.estimation.estimate_state import State, initial_state
 from calib.estimation.estimation_problem import MeasurementGroup, Setup
+from calib.estimation.measurement_assignment import assign_measurements
 from calib.estimation.nlp.information_matrix import covariance_from_information
 from calib.estimation.nlp.symbolic_chain import make_residual_function
 from calib.estimation.noise_model import split_common_noise
-from calib.estimation.pose_chain import linearization_poses, pack_unknowns
 from calib.estimation.residuals import cylinder_limb
 from calib.estimation.residuals.assignment import Noise
 from calib.estimation.residuals.board_outline import MIN_SCAN_ANGLE_SINE, MIN_VERTEX_DISTANCE_M
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
-from calib.estimation.solver import (
-    assign_measurements,
+from calib.estimation.round_solution import (
     build_nlp,
-    correction_derivatives,
-    moving_view_error_priors,
+    linearize_measurements,
 )
 from calib.geometry.se3 import so3_exp
 from calib.targets.cylinder import Cylinder
@@ -121,12 +119,7 @@ def compute_true_information(setup: Setup, state: State) -> tuple[ndarray, ndarr
     """(n, n), twice, of all unknowns of the estimate: of what lies on the targets, with the priors
     of the MCS, and of where scan lines leave the targets."""
     assigned = assign_measurements(setup, state)
-    given = *pack_unknowns(setup, state), linearization_poses(setup, state), assigned
-    slopes, errors = (
-        correction_derivatives(setup, state, assigned),
-        moving_view_error_priors(setup, state),
-    )
-    parts = build_nlp(setup).linearize(*given, slopes, errors)
+    parts = linearize_measurements(setup, build_nlp(setup), state, assigned)
     inside, outlines = np.zeros((2, setup.n_unknowns, setup.n_unknowns))
     np.fill_diagonal(inside[setup.n_pose_unknowns :, setup.n_pose_unknowns :], 1.0)
     for g, a, p in zip(setup.groups, assigned, parts, strict=True):

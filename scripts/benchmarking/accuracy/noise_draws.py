@@ -11,7 +11,7 @@ import numpy as np
 from benchmarking.accuracy.cramer_rao_bound import compute_cramer_rao_bound
 from benchmarking.accuracy.draw_statistics import DrawResult
 from benchmarking.accuracy.simulated_session import placement_time_span, select_kept_views
-from calib.estimation.problem_assembly import build_setup, iteration_limits
+from calib.estimation.problem_assembly import SessionKeypoints, build_setup, iteration_limits
 from calib.estimation.solver import estimate_poses
 from calib.extraction.extractor_registry import KEYPOINT_EXTRACTORS
 from calib.geometry.se3 import invert_pose, se3_log, so3_exp
@@ -55,12 +55,13 @@ def build_draw_setup(session, placement_columns, views):
         options, session.sensor_model, placement_columns, session.guess_json
     )
     keypoints, _, T = KEYPOINT_EXTRACTORS[options["sensor"]["kind"]](job, views)
-    n = len(keypoints["view"])
-    pairs = keypoints | {
-        "sensor": np.full(n, name, dtype="U64"),
-        "candidate_feature": np.full(n, -1),
-    }
-    return build_setup({"": (pairs, {name: {"T_robot_sensor": T}}, job.placements)}, {}, options)
+    drawn = SessionKeypoints(
+        session="",
+        keypoints=keypoints | {"sensor": np.full(len(keypoints["view"]), name)},
+        placements=job.placements,
+        T_robot_sensor={name: T},
+    )
+    return build_setup([drawn], {}, options)
 
 
 def compute_draw_references(session):

@@ -21,7 +21,7 @@ from benchmarking.accuracy.error_metrics import (
 from benchmarking.accuracy.simulation_plan import calibration_paths, case_folder, simulated_log_name
 from benchmarking.decode_cost.process_cost import parse_stage_costs
 from calib.estimation.measurement_groups import make_still_placements
-from calib.estimation.problem_assembly import build_setup
+from calib.estimation.problem_assembly import SessionKeypoints, build_setup
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
 from calib.geometry.se3 import invert_pose, se3_log
 from calib.io.config import load_config
@@ -91,8 +91,18 @@ def compute_case_reference(run, case, truth, run_config):
         "associate": settings["associate"],
     }
     noise = mocap_noise_json(truth["arguments"])
-    places = make_still_placements(table, case.name, options["targets"], noise)
-    setup, _ = build_setup({case.name: (pairs, notes, places)}, {}, options)
+    places = make_still_placements(table, case.name, targets=options["targets"], mocap_noise=noise)
+    session = SessionKeypoints(
+        session=case.name,
+        keypoints=pairs,
+        placements=places,
+        T_robot_sensor={
+            n: np.array(note["T_robot_sensor"])
+            for n, note in notes.items()
+            if note["T_robot_sensor"] is not None
+        },
+    )
+    setup, _ = build_setup([session], {}, options)
     true = {name: np.array(truth["sensors"][name]["T_robot_sensor"]["matrix"])}
     found = compute_cramer_rao_bound(setup, true, truth["arguments"]["range_noise_m"])
     pixels = [s for (_, kind), s in found.sigma.items() if RESIDUAL_KINDS[kind].UNIT == "px"]

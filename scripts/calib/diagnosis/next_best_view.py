@@ -17,22 +17,19 @@ from calib.diagnosis.consider_covariance import (
 from calib.diagnosis.observability import describe_pose_direction, least_certain_direction
 from calib.diagnosis.view_candidates import list_view_candidates
 from calib.estimation import pose_chain
+from calib.estimation.measurement_assignment import assign_measurements
 from calib.estimation.nlp.information_matrix import covariance_from_information, invert_information
 from calib.estimation.nlp.measurement_factor import joint_information
 from calib.estimation.pose_chain import (
     T_body_target,
     T_robot_body,
-    linearization_poses,
-    pack_unknowns,
     prior_means_and_weights,
 )
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
-from calib.estimation.solver import (
-    assign_measurements,
+from calib.estimation.round_solution import (
     build_nlp,
     cameras_at_estimate,
-    correction_derivatives,
-    moving_view_error_priors,
+    linearize_measurements,
 )
 from calib.geometry.se3 import invert_pose, transform_points
 from calib.io.pose_block import pose_json
@@ -206,11 +203,7 @@ class RecordedView:
             replace(a, geometric_weight=a.geometric_weight * more[RESIDUAL_KINDS[g.kind].UNIT])
             for g, a in found
         ]
-        slopes = correction_derivatives(there, self.state, assigned)
-        given = *pack_unknowns(there, self.state), linearization_poses(there, self.state)
-        parts = self.nlp.linearize(
-            *given, assigned, slopes, moving_view_error_priors(there, self.state)
-        )
+        parts = linearize_measurements(there, self.nlp, self.state, assigned)
         unknown = unestimated_range_errors(there, self.state)
         given = there, self.state, assigned, parts
         G = [np.zeros((there.n_unknowns, 0)), *(couple_correction(*given, h) for h, _ in unknown)]

@@ -31,7 +31,9 @@ def session_setup(setup, result, session):
         for p in (setup.placements[k] for k in at)
     ]
     groups = [
-        replace(g, placement=index[g.placement]) for g in setup.groups if g.placement in index
+        replace(g, placement=index[g.placement], initial_features=None)
+        for g in setup.groups
+        if g.placement in index
     ]
     seen = {g.sensor for g in groups}
     kept = [h for h in setup.corrections if isinstance(h, ModelCorrection) and h.subject in seen]

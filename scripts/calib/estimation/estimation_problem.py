@@ -1,19 +1,31 @@
-"""What an estimate is made from, and the order of its unknowns."""
+"""Input of the estimation: placements, groups of keypoints, and the order of the unknowns."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from calib.mocap.moving_pose_fit import MovingView
+from calib.sensors.camera.camera_model import CameraModel
+from calib.sensors.lidar.lidar_model import LidarModel
+
+if TYPE_CHECKING:  # corrections are defined in terms of a Setup
+    from calib.estimation.corrections.base import EstimableCorrection
+
+SensorModel = CameraModel | LidarModel
 
 
 @dataclass(frozen=True)
 class Placement:
-    """A still target: mean T_robot_body (4, 4) and the σ (6,) of the two poses it came from; or, of
-    a target in motion, what is known of one view of it (motion.Moving), T_robot_body there, and the
-    σ (6,) of what its two poses err by in common with those of all other views in motion.
+    """A target at rest relative to the robot, or one view of a target in motion.
 
-    rest: number of the robot's rest in the session; targets that are still at the same time share
-    it, and with it the error of the robot's pose. None: nobody shares it. start, ns.
+    T_robot_body: (4, 4) mean of the measured poses, or at the time of the view; mocap_sigma: (6,)
+    σ of the errors of the robot's and of the body's pose, of a moving view of the part that all
+    moving views share; robot_rest: number of the robot's rest in the session. Targets that rest at
+    the same time share it, and the error of the robot's pose. None: shared with no other.
+    moving_view: None for a target at rest.
     """
 
     session: str
@@ -22,139 +34,140 @@ class Placement:
     T_body_target: np.ndarray
     mocap_sigma: np.ndarray
     robot_rest: int | None = None
-    moving_view: object = None
+    moving_view: MovingView | None = None
     start_ns: int = 0
 
 
 @dataclass(frozen=True)
 class MeasurementGroup:
-    """Keypoints (columns) of one kind by one sensor in one placement, or in one view of a target in
-    motion."""
+    """Keypoints of one kind by one sensor in one placement or moving view.
+
+    placement: index into Setup.placements; keypoints: columns of keypoints.parquet;
+    initial_features: (n,) features that stage associate assigned, -1 for none; None: solve assigns
+    them itself.
+    """
 
     sensor: str
     placement: int
     kind: str
-    keypoints: dict = field(repr=False)
+    keypoints: dict[str, np.ndarray] = field(repr=False)
     is_moving: bool = False
+    initial_features: np.ndarray | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
 class Setup:
-    """What is being estimated from: sensors and targets by name, placements, those in motion after
-    all others, and groups of keypoints.
+    """The estimation problem.
 
-    models: name -> Camera or rig.Lidar; prior: name -> (T (4, 4), sigma (6,)), for a sensor
-    whose pose is known beforehand; mounts: name -> T_body_target (4, 4) to start from, of the
-    targets whose place in their body is estimated too; alignment: name -> σ (6,) of where it is
-    said to be, for those that have a say; corrections: Hypothesis objects whose numbers θ are
-    estimated; lenses: name -> how many parameters of a camera may be, or why they are not.
+    models: by sensor; targets: shapes by name; placements: those at rest before moving views;
+    associate_options: block `associate` of the config; sensor_priors: (T (4, 4), sigma (6,)) of
+    sensors whose pose is known beforehand; initial_mounts: T_body_target (4, 4) of the targets
+    whose mount is estimated; mount_sigma: σ (6,) of the configured mounts, where stated;
+    corrections: estimated beside the poses, values θ; estimable_intrinsics: how many parameters of
+    a camera can be estimated, or why none.
 
-    The unknowns are twists of the sensors and of those mounts, by name, then the errors of the MCS
-    poses of the robot at its rests and of the body in every placement, those of the robot and of
-    the bodies in motion, one per session, then θ, all but twists in units of their σ. What a view
-    in motion errs by alone is eliminated (parts.Part).
+    The unknowns, in order: twists of the sensors and of the estimated mounts, each by name; errors
+    of the motion capture poses, in units of their σ: of the robot per rest, of the body per
+    placement, then one per session of the robot and of each body in motion; θ in units of the σ of
+    its priors. The error that belongs to one moving view alone is eliminated (see Factor).
     """
 
-    models: dict
-    targets: dict
-    placements: list
-    groups: list
-    associate_options: dict
-    sensor_priors: dict
-    initial_mounts: dict = field(default_factory=dict)
-    mount_sigma: dict = field(default_factory=dict)
-    corrections: tuple = ()
-    estimable_intrinsics: dict = field(default_factory=dict)
+    models: dict[str, SensorModel]
+    targets: dict[str, Any]
+    placements: list[Placement]
+    groups: list[MeasurementGroup]
+    associate_options: dict[str, Any]
+    sensor_priors: dict[str, tuple[np.ndarray, np.ndarray]]
+    initial_mounts: dict[str, np.ndarray] = field(default_factory=dict)
+    mount_sigma: dict[str, np.ndarray] = field(default_factory=dict)
+    corrections: tuple["EstimableCorrection", ...] = ()
+    estimable_intrinsics: dict[str, int | str] = field(default_factory=dict)
 
     @cached_property
-    def robot_error_index(self):
-        """(k,) index, among the errors of MCS poses, of that of the robot in every placement."""
+    def robot_error_index(self) -> np.ndarray:
+        """Index (k,) of the robot's motion capture error of every placement."""
         return self._mocap_error_index[0]
 
     @cached_property
-    def body_error_index(self):
-        """(k,) likewise of the body."""
+    def body_error_index(self) -> np.ndarray:
+        """Index (k,) of the body's motion capture error of every placement."""
         return self._mocap_error_index[1]
 
     @cached_property
-    def _mocap_error_index(self):
+    def _mocap_error_index(self) -> tuple[np.ndarray, np.ndarray]:
         still, moving = self.placements[: self.n_still], self.placements[self.n_still :]
         rests = [
             (p.session, -1 - i if p.robot_rest is None else p.robot_rest)
             for i, p in enumerate(still)
         ]
-        robots = _index_keys(rests)
+        robots = _number_keys(rests)
         bodies = robots.max(initial=-1) + 1 + np.arange(len(still))
         first = len(bodies) + robots.max(initial=-1) + 1
-        robots_moving = first + _index_keys([p.session for p in moving])
-        first = robots_moving.max(initial=first - 1) + 1
-        bodies_moving = first + _index_keys([(p.session, p.target) for p in moving])
-        return np.concatenate([robots, robots_moving]), np.concatenate([bodies, bodies_moving])
+        moving_robots = first + _number_keys([p.session for p in moving])
+        first = moving_robots.max(initial=first - 1) + 1
+        moving_bodies = first + _number_keys([(p.session, p.target) for p in moving])
+        return np.concatenate([robots, moving_robots]), np.concatenate([bodies, moving_bodies])
 
     @cached_property
-    def mocap_sigma(self):
-        """(r, 6) σ of the errors of MCS poses."""
-        own = np.reshape([p.mocap_sigma for p in self.placements], (-1, 6))
-        out = np.zeros(
-            (
-                max(self.body_error_index.max(initial=-1), self.robot_error_index.max(initial=-1))
-                + 1,
-                6,
-            )
-        )
-        np.maximum.at(out, self.robot_error_index, own)
-        np.maximum.at(out, self.body_error_index, own)
+    def mocap_sigma(self) -> np.ndarray:
+        """σ (r, 6) of the errors of the motion capture poses."""
+        sigma = np.reshape([p.mocap_sigma for p in self.placements], (-1, 6))
+        last = max(self.body_error_index.max(initial=-1), self.robot_error_index.max(initial=-1))
+        out = np.zeros((last + 1, 6))
+        np.maximum.at(out, self.robot_error_index, sigma)
+        np.maximum.at(out, self.body_error_index, sigma)
         return out
 
     @cached_property
-    def n_still(self):
-        """How many of the placements are no views in motion."""
+    def n_still(self) -> int:
+        """Number of placements that are not moving views."""
         return sum(p.moving_view is None for p in self.placements)
 
     @property
-    def n_pose_unknowns(self):
-        """Index of the first unknown of the MCS poses."""
+    def n_pose_unknowns(self) -> int:
+        """Number of unknowns of sensors and mounts; index of the first motion capture error."""
         return 6 * (len(self.models) + len(self.initial_mounts))
 
     @property
-    def n_chain_unknowns(self):
-        """How many unknowns the chains of poses have: all but θ."""
+    def n_chain_unknowns(self) -> int:
+        """Number of unknowns of the pose chains: all but θ."""
         return self.n_pose_unknowns + self.mocap_sigma.size
 
     @property
-    def n_unknowns(self):
-        """How many unknowns there are."""
-        return self.n_chain_unknowns + sum(h.n_values for h in self.corrections)
+    def n_unknowns(self) -> int:
+        """Number of all unknowns."""
+        return self.n_chain_unknowns + sum(c.n_values for c in self.corrections)
 
     @cached_property
-    def correction_sigma(self):
-        """(p,) σ of the priors of θ."""
-        return np.concatenate([np.zeros(0), *(h.prior_sigma for h in self.corrections)])
+    def correction_sigma(self) -> np.ndarray:
+        """σ (p,) of the priors of θ."""
+        return np.concatenate([np.zeros(0), *(c.prior_sigma for c in self.corrections)])
 
-    def correction_index(self, group):
-        """Which of θ (q,) the residuals of a group may depend on."""
-        own = [
-            np.arange(self.n_unknowns)[at]
-            for h, at in self.correction_slices
-            if h.affects(self, group)
+    def correction_index(self, group: MeasurementGroup) -> np.ndarray:
+        """Index (q,) into θ of the values that the residuals of a group may depend on."""
+        parts = [
+            np.arange(self.n_unknowns)[part]
+            for correction, part in self.correction_slices
+            if correction.affects(self, group)
         ]
-        return np.concatenate([np.zeros(0, int), *own])
+        return np.concatenate([np.zeros(0, int), *parts])
 
     @cached_property
-    def correction_slices(self):
-        """[(Hypothesis, slice of θ)] of the corrections."""
-        ends = np.cumsum([0] + [h.n_values for h in self.corrections]).tolist()
+    def correction_slices(self) -> list[tuple["EstimableCorrection", slice]]:
+        """The corrections, each with its slice of θ."""
+        ends = np.cumsum([0] + [c.n_values for c in self.corrections]).tolist()
         slices = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
         return list(zip(self.corrections, slices, strict=True))
 
-    def correction_slice(self, name, subject):
-        """The slice of θ of the correction of that name, or None where there is none."""
-        return next(
-            (at for h, at in self.correction_slices if (h.name, h.subject) == (name, subject)), None
-        )
+    def correction_slice(self, name: str, subject: str) -> slice | None:
+        """Return the slice of θ of a correction, or None if it is not estimated."""
+        for correction, part in self.correction_slices:
+            if (correction.name, correction.subject) == (name, subject):
+                return part
+        return None
 
 
-def _index_keys(keys):
-    """(k,): equal keys by equal numbers, from 0 on, in order."""
+def _number_keys(keys: Sequence[Any]) -> np.ndarray:
+    """Number keys (k,) from 0 in sorted order; equal keys get equal numbers."""
     numbers = {key: i for i, key in enumerate(sorted(set(keys)))}
     return np.array([numbers[key] for key in keys], int)

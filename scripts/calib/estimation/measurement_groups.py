@@ -1,4 +1,6 @@
-"""Placements as the estimate sees them, from the columns of placements.parquet."""
+"""Placements at rest and groups of keypoints, from the columns of their tables."""
+
+from typing import Any
 
 import numpy as np
 
@@ -7,66 +9,97 @@ from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
 from calib.geometry.se3 import pose_from_xyz_quat
 from calib.io.parquet_tables import select_rows
 from calib.io.pose_block import pose_from_config, pose_sigma_from_config
+from calib.targets.target_shapes import is_compared_by_points
 
-FIXED_POSE_SIGMA_FACTOR = 1e-3  # of the σ of the MCS
+FIXED_POSE_SIGMA_FACTOR = 1e-3  # on the σ of the motion capture, for poses that are held
 
 
-def make_still_placements(columns, session, targets, mocap_noise, mounts=None, clock_error_s=0.0):
-    """{placement number: Placement} of the still intervals of one session.
+def make_still_placements(
+    columns: dict[str, np.ndarray],
+    session: str,
+    *,
+    targets: dict[str, dict[str, Any]],
+    mocap_noise: dict[str, Any],
+    mounts: dict[str, np.ndarray] | None = None,
+    clock_error_s: float = 0.0,
+) -> dict[int, Placement]:
+    """Return the placements at rest of one session by number, from columns of placements.parquet.
 
-    targets: name -> config block; mocap_noise: block with pose_sigma and pose_bias_sigma; mounts: name ->
-    T_body_target (4, 4) where it is not that of the config; clock_error_s: s by which the clocks of the
-    sensors may be off. The σ of an averaged pose has a part that averages within the placement, a
-    bias that does not, and what the target creeps while nobody knows when a sensor saw it. For
-    targets compared by points the poses are held, as in the paper: freed, they take up what the
-    nearest points leave, and the search settles before it has arrived.
+    targets: config blocks by name; mocap_noise: block with pose_sigma and pose_bias_sigma; mounts:
+    T_body_target (4, 4) where it is not the configured one; clock_error_s: largest σ of the
+    sensors' time offsets, s.
+
+    The σ of an averaged pose has a part that averages within the placement, a bias that does not,
+    and the drift of the target during an unknown time offset. Of targets with template points the
+    poses are held, as in the paper: as unknowns they absorb the offsets of the nearest points, and
+    the search stops too early.
     """
     white, bias = (
         pose_sigma_from_config(mocap_noise[k]) for k in ("pose_sigma", "pose_bias_sigma")
     )
-    known = {n: pose_from_config(c["T_body_target"]) for n, c in targets.items()} | (mounts or {})
-    out, rests = {}, assign_robot_rests(columns)
+    configured = {n: pose_from_config(block["T_body_target"]) for n, block in targets.items()}
+    T_body_target = configured | (mounts or {})
+    rests = assign_robot_rests(columns)
+    out = {}
     for i in np.flatnonzero(columns["kind"] == "still"):
         name = str(columns["target"][i])
-        if name in targets:
-            held = targets[name]["method"] == "points"
-            steady = np.hypot(bias, clock_error_s * columns["residual_drift"][i])
-            out[int(columns["placement"][i])] = Placement(
-                session=session,
-                target=name,
-                T_robot_body=pose_from_xyz_quat(columns["xyz"][i], columns["quat"][i]),
-                T_body_target=known[name],
-                mocap_sigma=np.hypot(white * columns["mean_pose_sigma_factor"][i], steady)
-                * (FIXED_POSE_SIGMA_FACTOR if held else 1.0),
-                robot_rest=None if held else int(rests[i]),
-                start_ns=int(columns["start_ns"][i]),
-            )
+        if name not in targets:
+            continue
+        is_held = is_compared_by_points(targets[name])
+        constant = np.hypot(bias, clock_error_s * columns["residual_drift"][i])
+        sigma = np.hypot(white * columns["mean_pose_sigma_factor"][i], constant)
+        out[int(columns["placement"][i])] = Placement(
+            session=session,
+            target=name,
+            T_robot_body=pose_from_xyz_quat(columns["xyz"][i], columns["quat"][i]),
+            T_body_target=T_body_target[name],
+            mocap_sigma=sigma * (FIXED_POSE_SIGMA_FACTOR if is_held else 1.0),
+            robot_rest=None if is_held else int(rests[i]),
+            start_ns=int(columns["start_ns"][i]),
+        )
     return out
 
 
-def assign_robot_rests(columns):
-    """Number (n,) of the rest that each interval belongs to: still ones that have more than half of
-    the shorter one's time in common, with the first of them, are one rest of the robot."""
+def assign_robot_rests(columns: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the number (n,) of the robot's rest of each interval, -1 for moving ones.
+
+    Still intervals belong to the same rest as an earlier one if they share more than half of the
+    shorter one's time with it.
+    """
     start, end = columns["start_ns"], columns["end_ns"]
     numbers, first = np.full(len(start), -1), None
     for i in np.argsort(start, kind="stable"):
         if columns["kind"][i] != "still":
             continue
-        common = -1 if first is None else min(end[first], end[i]) - start[i]
-        if first is None or common <= min(end[first] - start[first], end[i] - start[i]) / 2:
+        shared = -1 if first is None else min(end[first], end[i]) - start[i]
+        if first is None or shared <= min(end[first] - start[first], end[i] - start[i]) / 2:
             first = i
         numbers[i] = first
     return numbers
 
 
-def group_keypoints(keypoints, sensor, index_by_placement):
-    """Groups of one sensor's keypoints (columns); index_by_placement: placement number -> index in the setup."""
-    out = []
+def group_keypoints(
+    keypoints: dict[str, np.ndarray], sensor: str, index_by_number: dict[int, int]
+) -> list[MeasurementGroup]:
+    """Return the groups of one sensor's keypoints, by kind and placement.
+
+    index_by_number: index into the placements of the Setup, by number of the placement. A column
+    candidate_feature becomes the initial features.
+    """
+    groups = []
     present = set(keypoints["kind"].tolist())
     for kind in (k for k in RESIDUAL_KINDS if k in present):
         for number in sorted(set(keypoints["placement"].tolist())):
             rows = (keypoints["kind"] == kind) & (keypoints["placement"] == number)
             if rows.any():
                 columns = select_rows(keypoints, rows)
-                out.append(MeasurementGroup(sensor, index_by_placement[number], kind, columns))
-    return out
+                groups.append(
+                    MeasurementGroup(
+                        sensor=sensor,
+                        placement=index_by_number[number],
+                        kind=kind,
+                        keypoints=columns,
+                        initial_features=columns.get("candidate_feature"),
+                    )
+                )
+    return groups

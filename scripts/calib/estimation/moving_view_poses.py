@@ -1,88 +1,180 @@
-"""Placements and groups of keypoints of targets in motion."""
+"""Placements and groups of keypoints of targets in motion, and the time offsets they determine."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from calib.estimation.estimation_problem import MeasurementGroup, Placement
+from calib.estimation.corrections.clock_offset import TimeOffsetCorrection
+from calib.estimation.estimation_problem import MeasurementGroup, Placement, Setup
+from calib.estimation.problem_assembly import SessionKeypoints, best_time_offset_guess
 from calib.geometry.units import NS_PER_S
 from calib.io.parquet_tables import select_rows
 from calib.io.pose_block import pose_sigma_from_config
+from calib.mocap.body_trajectory import Trajectory, find_separate_streams, target_trajectories
 from calib.mocap.moving_pose_fit import MovingView, fit_local_motion
 from calib.views.pose_selection import space_evenly
 
-MAX_KEYPOINTS_PER_VIEW = (
-    400  # of a view: more tell no better where it is between two samples of the MCS
-)
-MOVING_VIEW_KINDS = (
-    "pattern_corner",
-    "cylinder_limb",
-    "target_surface",
-)  # of keypoints that are used
+MAX_KEYPOINTS_PER_VIEW = 400  # more do not improve its pose between two motion capture samples
+MOVING_VIEW_KINDS = ("pattern_corner", "cylinder_limb", "target_surface")
+
+
+@dataclass(frozen=True)
+class MovingSession:
+    """One session with targets in motion.
+
+    mocap_columns: of mocap.parquet; topics: of the motion capture, by body; keypoints: columns of
+    moving_keypoints.parquet by sensor.
+    """
+
+    session: str
+    mocap_columns: dict[str, np.ndarray]
+    topics: dict[str, list[str]]
+    keypoints: dict[str, dict[str, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class TargetPath:
+    """Where one target of a session moves.
+
+    T_body_target: (4, 4); trajectory: of T_robot_body; separate_trajectories: of robot and body in
+    the map, where they come by streams of their own, whose clocks may differ.
+    """
+
+    target: str
+    T_body_target: np.ndarray
+    trajectory: Trajectory
+    separate_trajectories: tuple[Trajectory, Trajectory] | None = None
 
 
 def make_moving_placement(
-    session,
-    target,
-    sensor,
-    time_ns,
-    trajectory,
-    T_body_target,
-    mocap_noise,
-    separate_trajectories=None,
-):
-    """The given.Placement of a view of a target in motion at t, ns, on the clock of the MCS; None
-    where that has a gap. mocap_noise: block with pose_sigma and pose_bias_sigma; separate_trajectories: as that of
-    motion.Moving."""
-    there = fit_local_motion(trajectory, time_ns)
-    if there is None:
+    path: TargetPath, *, session: str, sensor: str, time_ns: int, mocap_noise: dict[str, Any]
+) -> Placement | None:
+    """Return the Placement of a moving view, or None where the motion capture has a gap.
+
+    time_ns: on the clock of the motion capture; mocap_noise: block with pose_sigma and
+    pose_bias_sigma.
+    """
+    motion = fit_local_motion(path.trajectory, time_ns)
+    if motion is None:
         return None
     white, bias = (
         pose_sigma_from_config(mocap_noise[k]) for k in ("pose_sigma", "pose_bias_sigma")
     )
-    # What the MCS errs by beside noise is neither the same in all places nor new in each: once over
-    # for all views, so that many tell of poses no more than one placement, and once for each.
-    seen = MovingView(
-        sensor,
-        time_ns,
-        trajectory,
-        np.hypot(there.sigma_factor * white, bias),
-        separate_trajectories,
+    # The bias of the motion capture is neither constant nor new in every view. It counts twice:
+    # once for all views, so that many determine a pose no better than one placement, and per view.
+    view = MovingView(
+        sensor=sensor,
+        stamp_ns=time_ns,
+        trajectory=path.trajectory,
+        sigma=np.hypot(motion.sigma_factor * white, bias),
+        separate_trajectories=path.separate_trajectories,
     )
-    return Placement(session, target, there.T_robot_body, T_body_target, bias, moving_view=seen)
+    return Placement(
+        session=session,
+        target=path.target,
+        T_robot_body=motion.T_robot_body,
+        T_body_target=path.T_body_target,
+        mocap_sigma=bias,
+        moving_view=view,
+    )
 
 
 def build_moving_groups(
-    keypoints,
-    session,
-    sensor,
-    offset_s,
-    trajectories,
-    separate_trajectories,
-    T_body_target,
-    mocap_noise,
-    first_index,
-):
-    """([Placement], [Group]) of the keypoints of a sensor's views in motion, numbered from first;
-    separate_trajectories: as `apart` gives them.
+    keypoints: dict[str, np.ndarray],
+    paths: dict[str, TargetPath],
+    *,
+    session: str,
+    sensor: str,
+    offset_s: float,
+    mocap_noise: dict[str, Any],
+    first_index: int,
+) -> tuple[list[Placement], list[MeasurementGroup]]:
+    """Return placements and groups of a sensor's moving views, numbered from first_index.
 
-    Stamps are taken to the clock of the MCS by an offset, s, a first guess; each view's time is the
-    mean of its keypoints'. T_body_target (4, 4) by target.
+    paths: by target; offset_s: initial guess of the time offset, added to the stamps. The time of
+    a view is the mean of its keypoints'.
     """
-    places, groups, late = [], [], round(offset_s * NS_PER_S)
+    placements: list[Placement] = []
+    groups: list[MeasurementGroup] = []
     for view in sorted(set(keypoints["view"].tolist())):
-        rows = np.flatnonzero(
-            (keypoints["view"] == view) & np.isin(keypoints["kind"], MOVING_VIEW_KINDS)
-        )
-        if len(rows) == 0:
+        columns = _keypoints_of_view(keypoints, view)
+        if columns is None:
             continue
-        columns = select_rows(keypoints, rows[space_evenly(len(rows), MAX_KEYPOINTS_PER_VIEW)])
-        target, kind = str(columns["target"][0]), str(columns["kind"][0])
-        columns = columns | {"stamp_ns": columns["stamp_ns"] + late}
-        t = int(columns["stamp_ns"][0]) + int(np.mean(columns["stamp_ns"] - columns["stamp_ns"][0]))
-        known = T_body_target[target], mocap_noise, separate_trajectories.get(target)
-        place = make_moving_placement(session, target, sensor, t, trajectories[target], *known)
-        if place is not None:
+        stamps = columns["stamp_ns"] + round(offset_s * NS_PER_S)
+        time_ns = int(stamps[0]) + int(np.mean(stamps - stamps[0]))
+        placement = make_moving_placement(
+            paths[str(columns["target"][0])],
+            session=session,
+            sensor=sensor,
+            time_ns=time_ns,
+            mocap_noise=mocap_noise,
+        )
+        if placement is not None:
             groups.append(
-                MeasurementGroup(sensor, first_index + len(places), kind, columns, is_moving=True)
+                MeasurementGroup(
+                    sensor=sensor,
+                    placement=first_index + len(placements),
+                    kind=str(columns["kind"][0]),
+                    keypoints=columns | {"stamp_ns": stamps},
+                    is_moving=True,
+                )
             )
-            places.append(place)
-    return places, groups
+            placements.append(placement)
+    return placements, groups
+
+
+def _keypoints_of_view(keypoints: dict[str, np.ndarray], view: int) -> dict[str, np.ndarray] | None:
+    """Return at most MAX_KEYPOINTS_PER_VIEW usable keypoints of a view, or None without any."""
+    rows = np.flatnonzero(
+        (keypoints["view"] == view) & np.isin(keypoints["kind"], MOVING_VIEW_KINDS)
+    )
+    if len(rows) == 0:
+        return None
+    return select_rows(keypoints, rows[space_evenly(len(rows), MAX_KEYPOINTS_PER_VIEW)])
+
+
+def add_moving_views(
+    setup: Setup,
+    *,
+    moving_sessions: Sequence[MovingSession],
+    sessions: Sequence[SessionKeypoints],
+    options: dict[str, Any],
+) -> Setup:
+    """Return the Setup with moving views, and the time offsets of the sensors that have some."""
+    placements, groups = list(setup.placements), list(setup.groups)
+    for moving in moving_sessions:
+        paths = _target_paths(setup, moving, options)
+        for sensor, keypoints in moving.keypoints.items():
+            keypoints = select_rows(keypoints, np.isin(keypoints["target"], list(paths)))
+            if sensor in setup.models and len(keypoints["view"]):
+                new_placements, new_groups = build_moving_groups(
+                    keypoints,
+                    paths,
+                    session=moving.session,
+                    sensor=sensor,
+                    offset_s=best_time_offset_guess(sensor, sessions)["value"],
+                    mocap_noise=options["mocap"],
+                    first_index=len(placements),
+                )
+                placements += new_placements
+                groups += new_groups
+    time_offsets = [
+        TimeOffsetCorrection(n, np.array([best_time_offset_guess(n, sessions)["sigma"]]))
+        for n in sorted({g.sensor for g in groups if g.is_moving})
+    ]
+    corrections = (*setup.corrections, *time_offsets)
+    return replace(setup, placements=placements, groups=groups, corrections=corrections)
+
+
+def _target_paths(
+    setup: Setup, moving: MovingSession, options: dict[str, Any]
+) -> dict[str, TargetPath]:
+    """Return the paths of the targets that have placements at rest in the same session."""
+    mounts = {p.target: p.T_body_target for p in setup.placements if p.session == moving.session}
+    bodies = {n: block["body"] for n, block in options["targets"].items() if n in mounts}
+    robot, max_gap_s = options["body"], options["max_gap_s"]
+    trajectories = target_trajectories(moving.mocap_columns, robot, bodies, max_gap_s)
+    streams = find_separate_streams(moving.mocap_columns, robot, bodies, moving.topics, max_gap_s)
+    return {n: TargetPath(n, mounts[n], trajectories[n], streams.get(n)) for n in bodies}

@@ -5,78 +5,79 @@ from dataclasses import replace
 import numpy as np
 
 from calib.estimation.corrections.base import ModelCorrection
-from calib.estimation.estimate_state import get_correction_values, get_local_motion
+from calib.estimation.estimate_state import State, get_correction_values, get_local_motion
+from calib.estimation.estimation_problem import MeasurementGroup, SensorModel, Setup
 from calib.estimation.nlp.joint_nlp import LinearizationPoses
 from calib.geometry.se3 import adjoint, invert_pose, se3_exp, se3_log
 from calib.geometry.units import NS_PER_S
 
-ROBOT_MARKERS = (
-    "markers"  # name of the correction that is where a session's MCS body of the robot sits
-)
+ROBOT_MARKERS = "markers"  # name of the correction: pose of a session's robot markers
 
 
-def model_with_corrections(setup, state, group):
-    """The model of a group's sensor with the corrections that touch the group."""
-    out = setup.models[group.sensor]
-    for h, at in setup.correction_slices:
-        if isinstance(h, ModelCorrection) and h.affects(setup, group):
-            out = h.apply_to_model(out, state.correction_values[at], group.placement)
-    return out
+def model_with_corrections(setup: Setup, state: State, group: MeasurementGroup) -> SensorModel:
+    """Return the model of a group's sensor with the corrections that affect the group."""
+    model = setup.models[group.sensor]
+    for correction, part in setup.correction_slices:
+        if isinstance(correction, ModelCorrection) and correction.affects(setup, group):
+            values = state.correction_values[part]
+            model = correction.apply_to_model(model, values, group.placement)
+    return model
 
 
-def T_robot_body(setup, state, placement_index):
-    """T_robot_body (4, 4) of placement k, as measured."""
+def T_robot_body(setup: Setup, state: State, placement_index: int) -> np.ndarray:
+    """Return T_robot_body (4, 4) of a placement as measured, corrected for moved markers."""
     place = setup.placements[placement_index]
-    T = (
-        place.T_robot_body
-        if place.moving_view is None
-        else get_local_motion(setup, state, placement_index).T_robot_body
-    )
+    if place.moving_view is None:
+        T = place.T_robot_body
+    else:
+        T = get_local_motion(setup, state, placement_index).T_robot_body
     theta = get_correction_values(setup, state, ROBOT_MARKERS, place.session)
     return T if theta is None else se3_exp(theta) @ T
 
 
-def T_body_target(setup, state, placement_index):
-    """(4, 4) in placement k, estimated or as configured, with the error of a view in motion."""
+def T_body_target(setup: Setup, state: State, placement_index: int) -> np.ndarray:
+    """Return T_body_target (4, 4), estimated or configured, with the error of a moving view."""
     place = setup.placements[placement_index]
     T = state.mounts.get(place.target, place.T_body_target)
-    return (
-        T
-        if placement_index < setup.n_still
-        else T @ se3_exp(state.moving_view_errors[placement_index - setup.n_still])
-    )
+    if placement_index < setup.n_still:
+        return T
+    return T @ se3_exp(state.moving_view_errors[placement_index - setup.n_still])
 
 
-def T_robot_target(setup, state, placement_index):
-    """T_robot_target (4, 4) in placement k with the current MCS errors; equation 1."""
+def T_robot_target(setup: Setup, state: State, placement_index: int) -> np.ndarray:
+    """Return T_robot_target (4, 4) with the current motion capture errors; equation 1."""
     T = T_robot_body(setup, state, placement_index)
-    at = [setup.robot_error_index[placement_index], setup.body_error_index[placement_index]]
-    robot, body = se3_exp(state.mocap_noise_factor * setup.mocap_sigma[at] * state.mocap_errors[at])
-    return invert_pose(robot) @ T @ body @ T_body_target(setup, state, placement_index)
+    rows = [setup.robot_error_index[placement_index], setup.body_error_index[placement_index]]
+    sigma = state.mocap_noise_factor * setup.mocap_sigma[rows]
+    robot_error, body_error = se3_exp(sigma * state.mocap_errors[rows])
+    mount = T_body_target(setup, state, placement_index)
+    return invert_pose(robot_error) @ T @ body_error @ mount
 
 
-def T_sensor_target(setup, state, sensor, placement_index):
-    """T_sensor_target (4, 4) of placement k with the current MCS errors; equation 1."""
+def T_sensor_target(setup: Setup, state: State, sensor: str, placement_index: int) -> np.ndarray:
+    """Return T_sensor_target (4, 4) with the current motion capture errors; equation 1."""
     return invert_pose(state.T_robot_sensor[sensor]) @ T_robot_target(setup, state, placement_index)
 
 
-def deskew_group(setup, state, group):
-    """The group, with returns of a target in motion taken to where it was at the view's own t."""
+def deskew_group(setup: Setup, state: State, group: MeasurementGroup) -> MeasurementGroup:
+    """Return the group with the points of a moving target shifted to the time of the view."""
     moving = setup.placements[group.placement].moving_view
     k = group.keypoints
     if moving is None or not (k["stamp_ns"] != moving.stamp_ns).any():
         return group
-    there, T = (
-        get_local_motion(setup, state, group.placement),
-        state.T_robot_sensor[group.sensor],
-    )
-    xyz = there.deskew(k["xyz"], (k["stamp_ns"] - moving.stamp_ns) / NS_PER_S, T)
+    motion = get_local_motion(setup, state, group.placement)
+    delays_s = (k["stamp_ns"] - moving.stamp_ns) / NS_PER_S
+    xyz = motion.deskew(k["xyz"], delays_s, state.T_robot_sensor[group.sensor])
     return replace(group, keypoints=k | {"xyz": xyz})
 
 
-def moving_view_covariance(setup, state, group):
-    """(6, 6) covariance of what the MCS errs by in one view in motion alone, about the right
-    perturbation of T_sensor_target; None of a placement, all of whose errors are unknowns."""
+def moving_view_covariance(
+    setup: Setup, state: State, group: MeasurementGroup
+) -> np.ndarray | None:
+    """Return the covariance (6, 6) of the motion capture error of one moving view alone.
+
+    About the right perturbation of T_sensor_target. None at rest: all errors are unknowns then.
+    """
     place = setup.placements[group.placement]
     if place.moving_view is None:
         return None
@@ -86,57 +87,63 @@ def moving_view_covariance(setup, state, group):
     return to_target @ (S + to_body @ S @ to_body.T) @ to_target.T
 
 
-def chain_unknown_columns(setup, group):
-    """Unknowns (24,) of a group's chain: its sensor, the mount, the robot's and the body's MCS
-    pose; the number of all of these stands for a mount that is not estimated."""
+def chain_unknown_columns(setup: Setup, group: MeasurementGroup) -> np.ndarray:
+    """Return the indices (24,) of the unknowns of a group's chain.
+
+    In order: sensor, mount, error of the robot's pose, error of the body's pose. A mount that is
+    not estimated has the index n_chain_unknowns.
+    """
     sensors, mounts = sorted(setup.models), sorted(setup.initial_mounts)
     target = setup.placements[group.placement].target
-    starts = [6 * sensors.index(group.sensor)]
-    starts += [6 * (len(sensors) + mounts.index(target))] if target in mounts else [None]
-    poses = setup.robot_error_index[group.placement], setup.body_error_index[group.placement]
-    starts += [setup.n_pose_unknowns + 6 * i for i in poses]
-    six = np.arange(6)
+    sensor_start = 6 * sensors.index(group.sensor)
+    mount_start = 6 * (len(sensors) + mounts.index(target)) if target in mounts else None
+    errors = setup.robot_error_index[group.placement], setup.body_error_index[group.placement]
+    error_starts = [setup.n_pose_unknowns + 6 * i for i in errors]
     return np.concatenate(
-        [np.full(6, setup.n_chain_unknowns) if s is None else s + six for s in starts]
+        [
+            np.full(6, setup.n_chain_unknowns) if start is None else start + np.arange(6)
+            for start in (sensor_start, mount_start, *error_starts)
+        ]
     )
 
 
-def linearization_poses(setup, state):
-    """Poses of every group's chain; MCS errors apart."""
-    at = [g.placement for g in setup.groups]
+def linearization_poses(setup: Setup, state: State) -> LinearizationPoses:
+    """Return the poses of every group's chain, without motion capture errors."""
+    index = [g.placement for g in setup.groups]
     return LinearizationPoses(
-        np.stack([state.T_robot_sensor[g.sensor] for g in setup.groups]),
-        np.stack([T_robot_body(setup, state, k) for k in at]),
-        np.stack([T_body_target(setup, state, k) for k in at]),
+        T_robot_sensor=np.stack([state.T_robot_sensor[g.sensor] for g in setup.groups]),
+        T_robot_body=np.stack([T_robot_body(setup, state, k) for k in index]),
+        T_body_target=np.stack([T_body_target(setup, state, k) for k in index]),
     )
 
 
-def prior_means_and_weights(setup, state):
-    """Means and weights (n,) of the unknowns, from where they stand now."""
+def prior_means_and_weights(setup: Setup, state: State) -> tuple[np.ndarray, np.ndarray]:
+    """Return means and weights (n,) of the priors of the unknowns, from the current estimate.
+
+    Twists count from the current poses: their mean is the twist from the prior's pose to there.
+    """
     mean, weight = np.zeros(setup.n_unknowns), np.ones(setup.n_unknowns)
     weight[: setup.n_pose_unknowns] = 0
-    known = [
-        (*setup.sensor_priors.get(n, (None, 0)), state.T_robot_sensor[n])
-        for n in sorted(setup.models)
-    ]
-    known += [
-        (
-            setup.initial_mounts[n] if n in setup.mount_sigma else None,
-            setup.mount_sigma.get(n),
-            state.mounts[n],
-        )
-        for n in sorted(setup.initial_mounts)
-    ]
-    for i, (T, sigma, now) in enumerate(known):
-        if T is not None:
-            at = slice(6 * i, 6 * i + 6)
-            mean[at] = se3_log(invert_pose(T) @ now)
-            weight[at] = 1 / sigma
+    sensors, mounts = sorted(setup.models), sorted(setup.initial_mounts)
+    for i, name in enumerate(sensors):
+        if name in setup.sensor_priors:
+            T, sigma = setup.sensor_priors[name]
+            rows = slice(6 * i, 6 * i + 6)
+            mean[rows] = se3_log(invert_pose(T) @ state.T_robot_sensor[name])
+            weight[rows] = 1 / sigma
+    for i, name in enumerate(mounts, len(sensors)):
+        if name in setup.mount_sigma:
+            rows = slice(6 * i, 6 * i + 6)
+            mean[rows] = se3_log(invert_pose(setup.initial_mounts[name]) @ state.mounts[name])
+            weight[rows] = 1 / setup.mount_sigma[name]
     return mean, weight
 
 
-def pack_unknowns(setup, state):
-    """x (n,) where the State stands, twists from there, and the scale (n,) of each in SI."""
+def pack_unknowns(setup: Setup, state: State) -> tuple[np.ndarray, np.ndarray]:
+    """Return the unknowns x (n,) of the State, and the scale (n,) of each in SI.
+
+    Twists count from the current poses: they are zero.
+    """
     x = (
         np.zeros(setup.n_pose_unknowns),
         state.mocap_errors.reshape(-1),

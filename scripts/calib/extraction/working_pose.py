@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from calib.estimation.estimation_problem import Setup
-from calib.estimation.measurement_groups import group_keypoints
+from calib.estimation.problem_assembly import SessionKeypoints, assemble_setup
 from calib.estimation.solver import estimate_poses
 from calib.extraction.extraction_inputs import ExtractionContext
 from calib.geometry.se3 import invert_pose, se3_log
@@ -88,18 +87,28 @@ def estimate_working_pose(context, keypoints, T_robot_sensor, associate, noise_f
     Thinned to about WORKING_POINTS: it only says where to look.
     """
     keypoints = thin_keypoints(keypoints)
-    used = sorted(set(keypoints["placement"].tolist()))
-    index = {number: i for i, number in enumerate(used)}
-    setup = Setup(
+    start = {context.name: T_robot_sensor}
+    session = SessionKeypoints(
+        session="",
+        keypoints=keypoints | {"sensor": np.full(len(keypoints["view"]), context.name)},
+        placements=context.placements,
+        T_robot_sensor=start,
+    )
+    setup = assemble_setup(
+        [session],
         models={context.name: context.model},
         targets=context.targets,
-        placements=[context.placements[number] for number in used],
-        groups=group_keypoints(keypoints, context.name, index),
         associate_options=associate,
         sensor_priors={context.name: (T_robot_sensor, context.guess_sigma)},
     )
-    start = {context.name: T_robot_sensor}
-    result = estimate_poses(setup, start, MAX_WORKING_ROUNDS, 1e-7, 1e-7, noise_factor)
+    result = estimate_poses(
+        setup,
+        start,
+        max_rounds=MAX_WORKING_ROUNDS,
+        tolerance_m=1e-7,
+        tolerance_rad=1e-7,
+        initial_noise_factor=noise_factor,
+    )
     return result.state.T_robot_sensor[context.name]
 
 

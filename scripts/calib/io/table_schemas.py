@@ -143,12 +143,24 @@ KEYPOINTS_SCHEMA = _make_schema("keypoints", 2, *_KEYPOINT_COLUMNS)
 
 PAIRS_SCHEMA = _make_schema(
     "pairs",
-    2,
+    3,
     _make_column("sensor", TEXT_TYPE),
     *_KEYPOINT_COLUMNS,
     _make_column(
-        "candidate_feature", pa.int32(), meaning="corner, edge or template point; -1 if not paired"
+        "candidate_feature", pa.int32(), meaning="corner, edge or template point; -1 if not assigned"
     ),
+    _make_column(
+        "residual",
+        _vector_type(2),
+        unit="px, m or rad",
+        meaning="at the initial guess: (u, v), or (distance, 0)",
+    ),
+    _make_column(
+        "standardized_residual",
+        pa.float64(),
+        meaning="length of the residual in σ, at the noise from which solve starts",
+    ),
+    _make_column("is_inlier", pa.bool_(), meaning="in the gate there, and used"),
 )
 
 RESIDUALS_SCHEMA = _make_schema(

@@ -1,9 +1,9 @@
 """The lens that CameraInfo tells of a camera, in all sessions of a rig."""
 
-import numpy as np
+from collections.abc import Mapping
+from typing import Any
 
-from calib.io.parquet_tables import select_rows
-from calib.io.status import failure_status
+from calib.io.status import Status, failure_status
 from calib.sensors.sensor_models import with_log_metadata
 
 
@@ -17,30 +17,24 @@ def with_lens_from_log(sensors, guesses):
     return out
 
 
-def reject_lens_mismatches(sessions):
-    """The sessions, name -> (pairs columns, notes, ...), in which a camera whose CameraInfo differs
-    between them has failed and left no measurement."""
-    for name, status in _find_lens_mismatches(sessions):
-        for session, (pairs, notes, *rest) in sessions.items():
-            if name in notes:
-                pairs = select_rows(pairs, np.asarray(pairs["sensor"]) != name)
-                notes = notes | {name: notes[name] | {"status": status.to_dict()}}
-                sessions = sessions | {session: (pairs, notes, *rest)}
-    return sessions
+def find_lens_mismatches(
+    guesses_by_session: Mapping[str, Mapping[str, dict[str, Any]]],
+) -> dict[str, Status]:
+    """Return a failed Status for each camera whose CameraInfo differs between sessions.
 
-
-def _find_lens_mismatches(sessions):
-    """(name, Status) of the cameras that have another lens in some session."""
-    seen = {}
-    for session, (_, notes, *_) in sorted(sessions.items()):
-        for name, note in sorted(notes.items()):
-            if note["guess"]["camera"]:
-                seen.setdefault(name, []).append((session, note["guess"]["camera"]))
-    for name, lenses in seen.items():
-        (first, lens), *others = lenses
+    guesses_by_session: guess.json by sensor, by session.
+    """
+    lenses: dict[str, list[tuple[str, dict[str, Any]]]] = {}
+    for session, guesses in sorted(guesses_by_session.items()):
+        for name, guess in sorted(guesses.items()):
+            if guess["camera"]:
+                lenses.setdefault(name, []).append((session, guess["camera"]))
+    out = {}
+    for name, ((session, lens), *others) in lenses.items():
         other = next((o for o in others if o[1] != lens), None)
         if other:
-            yield name, _lens_mismatch_status(name, (first, lens), other)
+            out[name] = _lens_mismatch_status(name, (session, lens), other)
+    return out
 
 
 def _lens_mismatch_status(name, *lenses):

@@ -28,6 +28,7 @@ To add a shape: write calib/targets/<name>.py and add it to SHAPES.
 """
 
 from dataclasses import replace
+from typing import Any
 
 from calib.targets.board import Board
 from calib.targets.cylinder import Cylinder
@@ -43,3 +44,8 @@ def target_from_config(config):
     if config.get("method", "surface") == "surface":
         return shape
     return replace(shape, point_template=point_template_from_config(config["points"], shape))
+
+
+def is_compared_by_points(config: dict[str, Any]) -> bool:
+    """Return whether a target is compared by the points of a template (method `points`)."""
+    return config.get("method", "surface") == "points"

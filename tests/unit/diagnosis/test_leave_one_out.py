@@ -14,9 +14,10 @@ from calib.diagnosis.observability import (
 )
 from calib.diagnosis.residual_statistics import leave_one_out_statistics, rejected_by_region
 from calib.diagnosis.solution_json import marginal_joint_covariance, relative_poses_json
+from calib.estimation.measurement_assignment import assign_measurements
 from calib.estimation.nlp.information_matrix import covariance_from_information
 from calib.estimation.nlp.measurement_factor import joint_information
-from calib.estimation.solver import assign_measurements, build_nlp, solve_round
+from calib.estimation.round_solution import build_nlp, solve_round
 from calib.geometry.se3 import invert_pose, make_pose, pose_from_rpy, se3_exp, se3_log
 from helpers.synthetic_setup import make_synthetic_setup, solve_synthetic_setup
 

@@ -9,16 +9,16 @@ from calib.diagnosis.consider_covariance import common_range_sigmas, with_consid
 from calib.diagnosis.model_selection import estimate_with_corrections, sensor_corrections_json
 from calib.estimation.corrections.correction_catalog import list_testable_corrections
 from calib.estimation.estimate_state import initial_state
+from calib.estimation.measurement_assignment import assign_measurements
 from calib.estimation.nlp.information_matrix import covariance_from_information
-from calib.estimation.pose_chain import linearization_poses, model_with_corrections, pack_unknowns
-from calib.estimation.solver import (
-    assign_measurements,
+from calib.estimation.pose_chain import model_with_corrections
+from calib.estimation.round_solution import (
     build_nlp,
     correction_derivatives,
-    estimate_poses,
-    moving_view_error_priors,
+    linearize_measurements,
     solve_round,
 )
+from calib.estimation.solver import estimate_poses
 from calib.geometry.se3 import invert_pose, se3_exp, se3_log, so3_exp
 from calib.sensors.lidar.lidar_model import LidarModel
 from helpers import synthetic_setup
@@ -146,7 +146,14 @@ def test_the_programme_finds_the_same_with_the_numbers_as_with_the_data_mended_b
     made = replace(
         made, corrections=tuple(replace(h, prior_sigma=1e3 * h.prior_sigma) for h in loose)
     )
-    result = estimate_poses(made, START, 40, 1e-10, 1e-10, 100.0)
+    result = estimate_poses(
+        made,
+        START,
+        max_rounds=40,
+        tolerance_m=1e-10,
+        tolerance_rad=1e-10,
+        initial_noise_factor=100.0,
+    )
     lidar = lidar_of(made, result)
     groups = [mended(g, lidar) if g.kind == "target_surface" else g for g in made.groups]
     again = replace(made, groups=groups, corrections=())
@@ -200,9 +207,7 @@ def test_residuals_of_the_kernels_are_those_of_the_assignment_with_everything_es
     state = initial_state(made, synthetic_setup.TRUE_POSES, 1.0)
     state = replace(state, correction_values=0.3 * made.correction_sigma)
     assigned = assign_measurements(made, state)
-    given = *pack_unknowns(made, state), linearization_poses(made, state), assigned
-    slopes = correction_derivatives(made, state, assigned)
-    parts = build_nlp(made).linearize(*given, slopes, moving_view_error_priors(made, state))
+    parts = linearize_measurements(made, build_nlp(made), state, assigned)
     for a, part in zip(assigned, parts, strict=True):
         member = a.feature >= 0
         np.testing.assert_allclose(

@@ -7,7 +7,13 @@ import pytest
 from scipy.io import loadmat
 
 from calib.estimation.nlp.casadi_vectorized import vectorize_casadi_function
-from calib.estimation.nlp.joint_nlp import FactorLayout, JointNlp, LinearizationPoses
+from calib.estimation.nlp.joint_nlp import (
+    FactorLayout,
+    JointNlp,
+    LinearizationPoses,
+    Prior,
+    ViewErrorPrior,
+)
 from calib.estimation.nlp.measurement_factor import Factor, joint_information
 from calib.estimation.nlp.symbolic_chain import (
     make_chain_function,
@@ -483,7 +489,13 @@ def solved(points, views, camera, T_robot_sensor, sigma=EXACT, prior=None):
         )
         for k in range(len(views))
     ]
-    programme = JointNlp({"camera": camera}, {"none": None}, blocks, n, 0)
+    programme = JointNlp(
+        models={"camera": camera},
+        targets={"none": None},
+        layouts=blocks,
+        n_chain_unknowns=n,
+        n_correction_values=0,
+    )
     T, x, shift = T_robot_sensor, np.zeros(n), np.zeros(6)
     scale = np.concatenate([np.ones(6), np.tile(np.broadcast_to(sigma, 6), 2 * len(views))])
     mean, weight = np.zeros(n), np.concatenate([np.zeros(6), np.ones(n - 6)])
@@ -497,9 +509,17 @@ def solved(points, views, camera, T_robot_sensor, sigma=EXACT, prior=None):
         if prior:
             mean[:6], weight[:6] = prior[0] + shift, prior[1]
         fixed = [np.zeros((0, 2, len(points)))] * len(views)
-        none = [(None, None)] * len(views)
-        parts = programme.linearize(x, scale, poses, assigned, fixed, none)
-        found = programme.solve(parts, x, scale, poses, (mean, weight))
+        parts = programme.linearize(
+            x=x,
+            scale=scale,
+            poses=poses,
+            assignments=assigned,
+            correction_derivatives=fixed,
+            view_error_priors=[ViewErrorPrior(None, None)] * len(views),
+        )
+        found = programme.solve(
+            factors=parts, x=x, scale=scale, poses=poses, prior=Prior(mean, weight)
+        )
         T, shift, x = T @ se3_exp(found.x[:6]), shift + found.x[:6], found.x.copy()
         x[:6] = 0
     cost = sum(p.cost for p in parts)

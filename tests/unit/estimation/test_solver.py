@@ -141,7 +141,14 @@ def made(seed, layout, pixel=0.0, range_=0.0, mcs=0.0):
 def settled(setup, off=0.01):
     """The Result from a start that is off by about 1 cm and 0.6°."""
     start = {n: TRUE[n] @ se3_exp(np.full(6, off)) for n in setup.models}
-    result = estimate_poses(setup, start, 40, 1e-8, 1e-8, 500.0)
+    result = estimate_poses(
+        setup,
+        start,
+        max_rounds=40,
+        tolerance_m=1e-8,
+        tolerance_rad=1e-8,
+        initial_noise_factor=500.0,
+    )
     assert result.has_converged
     return result
 
@@ -221,7 +228,14 @@ def test_one_outlier_in_twenty_moves_the_result_by_less_than_half_a_sigma():
 @pytest.mark.parametrize("count", [5, 20])
 def test_cylinders_with_parallel_axes_leave_two_directions_open_however_many_there_are(count):
     setup = made(3, [("cylinder", [0, 0, 1])] * count, range_=0.01)
-    result = estimate_poses(setup, {"lidar": TRUE["lidar"]}, 30, 1e-8, 1e-8, 10.0)
+    result = estimate_poses(
+        setup,
+        {"lidar": TRUE["lidar"]},
+        max_rounds=30,
+        tolerance_m=1e-8,
+        tolerance_rad=1e-8,
+        initial_noise_factor=10.0,
+    )
     found = find_undetermined_directions(result.solve_result.information, 1, 0)
     words = [describe_pose_direction(d, TRUE["lidar"]) for d in found]
     assert any("translation along z of the robot body" in w for w in words)
@@ -235,7 +249,12 @@ def test_five_diverse_cylinders_determine_the_lidar():
 
 def test_one_board_seen_by_a_lidar_leaves_three_directions_open():
     result = estimate_poses(
-        made(4, [("board", None)]), {"lidar": TRUE["lidar"], "camera": TRUE["camera"]}, 5, 1, 1, 1.0
+        made(4, [("board", None)]),
+        {"lidar": TRUE["lidar"], "camera": TRUE["camera"]},
+        max_rounds=5,
+        tolerance_m=1,
+        tolerance_rad=1,
+        initial_noise_factor=1.0,
     )
     names = sorted(["camera", "lidar"])
     found = find_undetermined_directions(result.solve_result.information, 2, names.index("lidar"))
@@ -244,7 +263,14 @@ def test_one_board_seen_by_a_lidar_leaves_three_directions_open():
 
 def test_a_sensor_with_an_open_direction_gets_no_pose_and_says_which():
     setup = made(3, [("cylinder", [0, 0, 1])] * 5, range_=0.01)
-    result = estimate_poses(setup, {"lidar": TRUE["lidar"]}, 30, 1e-8, 1e-8, 10.0)
+    result = estimate_poses(
+        setup,
+        {"lidar": TRUE["lidar"]},
+        max_rounds=30,
+        tolerance_m=1e-8,
+        tolerance_rad=1e-8,
+        initial_noise_factor=10.0,
+    )
     guess = {
         "frame": "lidar",
         "T_robot_sensor": None,
@@ -283,7 +309,9 @@ def test_the_results_carry_the_covariance_of_the_estimate_in_its_own_order():
 
 def test_nothing_to_solve_is_a_result_without_a_solution():
     setup = Setup({}, TARGETS, [], [], ASSOCIATE, {})
-    result = estimate_poses(setup, {}, 30, 1e-8, 1e-8, 10.0)
+    result = estimate_poses(
+        setup, {}, max_rounds=30, tolerance_m=1e-8, tolerance_rad=1e-8, initial_noise_factor=10.0
+    )
     assert result.solve_result is None and not result.has_converged
     assert len(residual_columns(setup, result)["sensor"]) == 0
 
@@ -292,7 +320,14 @@ def test_a_prior_holds_what_the_data_leave_open():
     setup = made(3, [("cylinder", [0, 0, 1])] * 5, range_=0.01)
     sigma = np.full(6, 0.01)
     held = Setup(**vars(setup) | {"sensor_priors": {"lidar": (TRUE["lidar"], sigma)}})
-    result = estimate_poses(held, {"lidar": TRUE["lidar"]}, 30, 1e-8, 1e-8, 10.0)
+    result = estimate_poses(
+        held,
+        {"lidar": TRUE["lidar"]},
+        max_rounds=30,
+        tolerance_m=1e-8,
+        tolerance_rad=1e-8,
+        initial_noise_factor=10.0,
+    )
     assert np.abs(error(result, "lidar")).max() < 0.01
 
 

@@ -12,6 +12,8 @@ from scipy.spatial import cKDTree
 
 from calib.estimation.estimate_state import initial_state
 from calib.estimation.estimation_problem import MeasurementGroup, Placement, Setup
+from calib.estimation.measurement_assignment import count_reassignments
+from calib.estimation.noise_update import estimate_mocap_factor
 from calib.estimation.problem_assembly import iteration_limits
 from calib.estimation.residuals import template_silhouette
 from calib.estimation.residuals.assignment import Noise
@@ -22,7 +24,7 @@ from calib.estimation.residuals.residual_registry import (
     uses_template_points,
 )
 from calib.estimation.residuals.template_silhouette import find_rim_points
-from calib.estimation.solver import count_reassignments, estimate_mocap_factor, estimate_poses
+from calib.estimation.solver import estimate_poses
 from calib.extraction.camera_keypoints import extract_color_contour
 from calib.extraction.extraction_inputs import ExtractionContext
 from calib.extraction.lidar_keypoints import extract_template_keypoints
@@ -460,6 +462,19 @@ def pairs(kind, q, T_guess, first=False, sigma=0.01):
     keypoints = {"xyz": transform_points(T_BOARD, q), "sigma": np.full(len(q), sigma)}
     function = first_assignment(kind) if first else RESIDUAL_KINDS[kind].assign
     return function(LIDAR, PAIRED[kind][0], T_guess, keypoints, GATE, Noise(1.0, 0.0))
+
+
+@paired
+def test_points_assigned_before_keep_their_template_points_at_another_pose(kind):
+    own = PAIRED[kind][1]
+    features = np.arange(len(own))[::-1].copy()
+    features[0] = -1
+    keypoints = {"xyz": transform_points(T_BOARD, own), "sigma": np.full(len(own), 0.01)}
+    found = RESIDUAL_KINDS[kind].assign(
+        LIDAR, PAIRED[kind][0], T_BOARD, keypoints, GATE, Noise(1e4, 0.0), features=features
+    )
+    np.testing.assert_array_equal(found.feature, features)
+    np.testing.assert_array_equal(found.data[1:, 3:6], own[features[1:]])
 
 
 def same(kind, found):

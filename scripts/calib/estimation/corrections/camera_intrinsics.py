@@ -1,7 +1,6 @@
 """Estimate the parameters of a camera, with priors, where its views constrain them."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,10 +11,8 @@ from calib.estimation.corrections.correction_estimate import (
 )
 from calib.estimation.corrections.group_linearization import GroupLinearization
 from calib.estimation.estimation_problem import Setup
+from calib.estimation.estimation_result import EstimationResult
 from calib.sensors.camera.camera_model import CAMERA_MODELS, CameraModel
-
-if TYPE_CHECKING:  # the solver imports corrections
-    from calib.estimation.solver import EstimationResult
 
 INTRINSICS = "intrinsics"  # name of the correction
 PRIOR_SIGMA_PER_IMAGE_SIZE = {"fx": 0.05, "fy": 0.05, "cx": 0.05, "cy": 0.05}  # of the larger side
@@ -76,7 +73,7 @@ def shift_camera_parameters(camera: CameraModel, values: np.ndarray) -> CameraMo
 
 
 def get_intrinsics_estimate(
-    setup: Setup, result: "EstimationResult", sensor: str
+    setup: Setup, result: EstimationResult, sensor: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Return the parameters (q,) of a camera, their σ, and the σ over the prior's, or None."""
     estimate = find_correction_estimate(setup, result, INTRINSICS, sensor)
@@ -86,7 +83,7 @@ def get_intrinsics_estimate(
     return params, estimate.sigma, estimate.sigma_ratio
 
 
-def find_unobservable_intrinsics(setup: Setup, result: "EstimationResult") -> dict[str, str]:
+def find_unobservable_intrinsics(setup: Setup, result: EstimationResult) -> dict[str, str]:
     """Return {sensor: reason} of the cameras whose views do not constrain their parameters."""
     reasons = {}
     for estimate in correction_estimates(setup, result):

@@ -1,7 +1,7 @@
 """How the time offset of a sensor changes: within a session, and from one session to the next."""
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -10,10 +10,8 @@ from calib.estimation.corrections.base import ClockCorrection
 from calib.estimation.corrections.clock_offset import TIME_OFFSET, time_offset_derivative
 from calib.estimation.corrections.group_linearization import GroupLinearization
 from calib.estimation.estimation_problem import Placement, Setup
+from calib.estimation.estimation_result import EstimationResult
 from calib.geometry.units import MS_PER_S, NS_PER_S
-
-if TYPE_CHECKING:  # the solver imports corrections
-    from calib.estimation.solver import EstimationResult
 
 CLOCK_DRIFT = "clock_drift"  # name of the correction
 SESSION_OFFSET_PRIOR_S = 0.05  # σ of the prior of the change since the first session
@@ -79,7 +77,7 @@ def _drift_weights(place: Placement, mid_times: tuple[SessionMidTime, ...]) -> n
     return np.concatenate([own * since, own[1:]])
 
 
-def offset_residuals(setup: Setup, result: "EstimationResult", sensor: str) -> OffsetResiduals:
+def offset_residuals(setup: Setup, result: EstimationResult, sensor: str) -> OffsetResiduals:
     """Estimate, from every moving view alone, the time offset beyond the estimated one.
 
     All poses are fixed. Views that do not constrain the offset are left out.
@@ -100,7 +98,7 @@ def offset_residuals(setup: Setup, result: "EstimationResult", sensor: str) -> O
     return OffsetResiduals(places, np.array(seconds), np.array(sigma))
 
 
-def add_clock_drifts(setup: Setup, result: "EstimationResult") -> Setup:
+def add_clock_drifts(setup: Setup, result: EstimationResult) -> Setup:
     """Return the Setup that also estimates the drifts that the moving views show.
 
     Returns the same Setup if there are none.
@@ -144,7 +142,7 @@ def _drift_p_value(residuals: OffsetResiduals) -> float:
 
 
 def clock_drift_json(
-    sensor: str, setup: Setup, result: "EstimationResult", guess: dict[str, Any]
+    sensor: str, setup: Setup, result: EstimationResult, guess: dict[str, Any]
 ) -> dict[str, Any] | None:
     """Return {session: {time_offset_s, drift_ppm}}, each {value, sigma}; None without a drift.
 

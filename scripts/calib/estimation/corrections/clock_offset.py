@@ -1,7 +1,7 @@
 """Time offsets: of a sensor's clock, t_mcs = stamp + offset, and between two MCS streams."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,11 +21,9 @@ from calib.estimation.corrections.number_wording import choose_by_sign
 from calib.estimation.corrections.score_test import gain_p_value, likelihood_gain
 from calib.estimation.estimate_state import STREAM_LAG, clock_delays, get_local_motion
 from calib.estimation.estimation_problem import MeasurementGroup, Placement, Setup
+from calib.estimation.estimation_result import EstimationResult
 from calib.geometry.se3 import adjoint, invert_pose, se3_exp, se3_log
 from calib.geometry.units import MS_PER_S
-
-if TYPE_CHECKING:  # the solver imports corrections
-    from calib.estimation.solver import EstimationResult
 
 TIME_OFFSET = "time_offset"  # name of the correction
 FINITE_STEP_S = 1e-6
@@ -113,7 +111,7 @@ def _velocity_derivative(linearization: GroupLinearization, velocity: np.ndarray
     return (ahead - linearization.assignment.standardized.T)[None] / FINITE_STEP_S
 
 
-def stream_lags_json(setup: Setup, result: "EstimationResult") -> dict[str, dict[str, float]]:
+def stream_lags_json(setup: Setup, result: EstimationResult) -> dict[str, dict[str, float]]:
     """Return {target: {value, sigma}}, s, of the stream lags that moving views constrain."""
     return {
         estimate.correction.subject: {
@@ -126,7 +124,7 @@ def stream_lags_json(setup: Setup, result: "EstimationResult") -> dict[str, dict
     }
 
 
-def suspected_clock_errors_json(setup: Setup, result: "EstimationResult") -> list[dict[str, Any]]:
+def suspected_clock_errors_json(setup: Setup, result: EstimationResult) -> list[dict[str, Any]]:
     """Return one suspected error per sensor with moving views whose clock must not be estimated.
 
     Same keys as find_suspected_errors. Correcting it moves no pose: still placements fix the poses.
@@ -158,7 +156,7 @@ def _suspected_clock_error_json(setup: Setup, estimate: CorrectionEstimate) -> d
 
 
 def time_offset_json(
-    sensor: str, setup: Setup, result: "EstimationResult", guess: dict[str, Any]
+    sensor: str, setup: Setup, result: EstimationResult, guess: dict[str, Any]
 ) -> dict[str, Any]:
     """Return {time_offset_s: {value, sigma} or None, time_offset_note} of a sensor.
 

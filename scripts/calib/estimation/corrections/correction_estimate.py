@@ -1,15 +1,12 @@
 """Estimated values of corrections with their σ, from the joint covariance."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calib.estimation.corrections.base import EstimableCorrection
 from calib.estimation.estimation_problem import Setup
-
-if TYPE_CHECKING:  # the solver imports corrections
-    from calib.estimation.solver import EstimationResult
+from calib.estimation.estimation_result import EstimationResult
 
 
 @dataclass(frozen=True)
@@ -37,7 +34,7 @@ class CorrectionEstimate:
         return self.unit_covariance * np.outer(sigma, sigma)
 
 
-def correction_estimates(setup: Setup, result: "EstimationResult") -> list[CorrectionEstimate]:
+def correction_estimates(setup: Setup, result: EstimationResult) -> list[CorrectionEstimate]:
     """Return the estimates of all corrections of a Setup; none without a solution."""
     if result.solve_result is None:
         return []
@@ -51,7 +48,7 @@ def correction_estimates(setup: Setup, result: "EstimationResult") -> list[Corre
 
 
 def find_correction_estimate(
-    setup: Setup, result: "EstimationResult", name: str, subject: str
+    setup: Setup, result: EstimationResult, name: str, subject: str
 ) -> CorrectionEstimate | None:
     """Return the estimate of the correction of that name and subject, or None without one."""
     return next(

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,12 +12,10 @@ from calib.estimation.corrections.group_linearization import GroupLinearization
 from calib.estimation.corrections.number_wording import format_twist_sigma
 from calib.estimation.estimate_state import get_correction_values
 from calib.estimation.estimation_problem import MeasurementGroup, Setup
+from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.pose_chain import ROBOT_MARKERS
 from calib.geometry.se3 import invert_pose, se3_exp, se3_log
 from calib.io.pose_block import pose_json
-
-if TYPE_CHECKING:  # the solver imports corrections
-    from calib.estimation.solver import EstimationResult
 
 MARKERS_PRIOR_SIGMA = np.repeat([0.5, np.radians(60.0)], 3)  # m, rad: anywhere on a robot
 TWIST_STEP = 1e-6  # m, rad; finite difference
@@ -95,7 +93,7 @@ def _initial_markers_pose(
     return np.eye(4)
 
 
-def robot_markers_json(setup: Setup, result: "EstimationResult") -> dict[str, Any]:
+def robot_markers_json(setup: Setup, result: EstimationResult) -> dict[str, Any]:
     """Return {session: {T_robot_markers, covariance}} of the sessions with re-attached markers."""
     return {
         estimate.correction.subject: _markers_json(estimate.values, estimate.covariance)

@@ -1,13 +1,16 @@
-"""CasADi functions over whole arrays: their instructions, one after the other, by NumPy.
+"""Run CasADi functions on whole arrays: NumPy executes their instructions one after the other.
 
-CasADi's own map interprets every instruction again for every measurement, which costs it some
-thirty times as much.
+CasADi's own map interprets every instruction anew for every measurement, and takes about thirty
+times as long.
 """
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-NUMPY_BY_CASADI_OP = {
+NUMPY_BY_CASADI_OP: dict[int, Callable] = {
     ca.OP_ADD: np.add,
     ca.OP_SUB: np.subtract,
     ca.OP_MUL: np.multiply,
@@ -44,46 +47,64 @@ NUMPY_BY_CASADI_OP = {
 }
 
 
-def vectorize_casadi_function(function):
-    """f(*inputs) -> list of outputs, each a list of arrays, of an SX Function.
+# A column of inputs or outputs: one entry per element of the function, a number or an array (n,).
+Elements = Sequence[Any]
+VectorizedFunction = Callable[..., list[list[Any]]]
 
-    An input is a sequence of the function's input elements, column by column, each a number or an
-    array (n,); an output lists its elements likewise, each a number or an array (n,). Raises
-    ValueError for an instruction that UFUNCS does not know.
+
+class Instruction(NamedTuple):
+    """One instruction: what to do, where the result goes, and where the operands are.
+
+    action: "input", "output", "constant" or a NumPy function; constant: its value.
+    """
+
+    action: str | Callable
+    result: list[int]
+    operands: list[int]
+    constant: float = 0.0
+
+
+def vectorize_casadi_function(function: ca.Function) -> VectorizedFunction:
+    """Return f(*inputs) -> outputs for an SX function; each of them is Elements, column by column.
+
+    Raises ValueError for an instruction that NUMPY_BY_CASADI_OP does not have.
     """
     program = [_parse_instruction(function, k) for k in range(function.n_instructions())]
-    width = function.sz_w()
-    counts = [function.nnz_out(i) for i in range(function.n_out())]
+    n_work = function.sz_w()
+    output_sizes = [function.nnz_out(i) for i in range(function.n_out())]
 
-    def run(*inputs):
-        work, out = [0.0] * width, [[0.0] * n for n in counts]
+    def run(*inputs: Elements) -> list[list[Any]]:
+        work: list[Any] = [0.0] * n_work
+        out: list[list[Any]] = [[0.0] * n for n in output_sizes]
         with np.errstate(divide="ignore", invalid="ignore"):
-            for ufunc, to, source in program:
-                if ufunc == "input":
-                    work[to[0]] = inputs[source[0]][source[1]]
-                elif ufunc == "output":
-                    out[to[0]][to[1]] = work[source[0]]
-                elif ufunc == "constant":
-                    work[to[0]] = source
-                else:
-                    work[to[0]] = ufunc(*[work[i] for i in source])
+            for action, result, operands, constant in program:
+                if action == "input":
+                    work[result[0]] = inputs[operands[0]][operands[1]]
+                elif action == "output":
+                    out[result[0]][result[1]] = work[operands[0]]
+                elif action == "constant":
+                    work[result[0]] = constant
+                elif callable(action):
+                    work[result[0]] = action(*[work[i] for i in operands])
         return out
 
     return run
 
 
-def _parse_instruction(function, k):
-    """(what to do, where to, where from) of the k-th instruction."""
+def _parse_instruction(function: ca.Function, k: int) -> Instruction:
+    """Read the k-th instruction of a function."""
     op = function.instruction_id(k)
-    to, source = function.instruction_output(k), function.instruction_input(k)
+    result, operands = function.instruction_output(k), function.instruction_input(k)
     if op == ca.OP_INPUT:
-        return "input", to, source
+        return Instruction("input", result, operands)
     if op == ca.OP_OUTPUT:
-        return "output", to, source
+        return Instruction("output", result, operands)
     if op == ca.OP_CONST:
-        return "constant", to, float(function.instruction_constant(k))
+        value = float(function.instruction_constant(k))
+        return Instruction("constant", result, operands, value)
     if op not in NUMPY_BY_CASADI_OP:
         raise ValueError(
-            f"CasADi instruction {op} has no NumPy function in casadi_vectorized.UFUNCS"
+            f"CasADi instruction {op} has no NumPy function; add it to NUMPY_BY_CASADI_OP in "
+            "casadi_vectorized.py"
         )
-    return NUMPY_BY_CASADI_OP[op], to, source
+    return Instruction(NUMPY_BY_CASADI_OP[op], result, operands)

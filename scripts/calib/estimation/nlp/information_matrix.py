@@ -2,39 +2,46 @@
 
 import numpy as np
 
-MIN_INFORMATION = 1e-200  # of an unknown that nothing tells; its inverse must not overflow
-MIN_EIGENVALUE_RATIO = 1e-13  # of the largest eigenvalue: below this an eigenvalue is rounding
+MIN_INFORMATION = 1e-200  # of an unknown without any; its inverse must not overflow
+MIN_EIGENVALUE_RATIO = 1e-13  # to the largest eigenvalue: smaller ones are rounding errors
 
 
-def scale_to_unit_diagonal(information):
-    """Factors (n,) of the unknowns that give each unit information, and the matrix (n, n) then."""
+def scale_to_unit_diagonal(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return factors (n,) that scale the unknowns to unit information, and the scaled matrix."""
     scale = 1 / np.sqrt(np.maximum(np.diag(information), MIN_INFORMATION))
     return scale, scale[:, None] * information * scale
 
 
-def decompose_information(information):
-    """Eigenvalues (n,), eigenvectors (n, n) in the units of the unknowns, and which are rounding.
+def decompose_information(information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return eigenvalues (n,), eigenvectors (n, n) in units of the unknowns, and which are rounding.
 
-    Taken after scaling every unknown to unit information, for measurements of a micrometre beside
-    pose priors of a tenth of a millimetre leave no other way through double precision.
+    After scaling every unknown to unit information: measurements of a micrometre beside priors of
+    a tenth of a millimetre exceed double precision otherwise.
     """
     scale, scaled = scale_to_unit_diagonal(information)
     values, vectors = np.linalg.eigh(scaled)
     return values, scale[:, None] * vectors, values <= MIN_EIGENVALUE_RATIO * values[-1]
 
 
-def covariance_from_information(information):
-    """Covariance (n, n) of all unknowns, positive semidefinite by construction.
+def covariance_from_information(information: np.ndarray) -> np.ndarray:
+    """Return the covariance (n, n), positive semidefinite by construction.
 
-    Directions that nothing determines are held; observability.undetermined names them.
+    Undetermined directions get zero variance; diagnosis/observability.py names them.
     """
-    values, vectors, rounding = decompose_information(information)
-    root = vectors[:, ~rounding] / np.sqrt(values[~rounding])
+    values, vectors, is_rounding = decompose_information(information)
+    root = vectors[:, ~is_rounding] / np.sqrt(values[~is_rounding])
     return root @ root.T
 
 
-def invert_information(information):
-    """Inverse (n, n), quicker than `covariance`; directions that nothing determines are vast."""
+def invert_information(information: np.ndarray) -> np.ndarray:
+    """Return the inverse (n, n), faster than the covariance; undetermined directions are huge."""
     scale, scaled = scale_to_unit_diagonal(information)
     scaled += MIN_EIGENVALUE_RATIO * np.eye(len(scale))
     return scale[:, None] * np.linalg.inv(scaled) * scale
+
+
+def marginalize(information: np.ndarray, is_kept: np.ndarray) -> np.ndarray:
+    """Return the information (k, k) about the unknowns of a mask (n,), the others marginalized."""
+    kept, others = np.ix_(is_kept, is_kept), np.ix_(~is_kept, ~is_kept)
+    cross = information[np.ix_(~is_kept, is_kept)]
+    return information[kept] - cross.T @ invert_information(information[others]) @ cross

@@ -1,5 +1,6 @@
 """CasADi expressions: SE(3), the chain of poses, and residuals with their derivatives."""
 
+from collections.abc import Callable
 from functools import cache
 
 import casadi as ca
@@ -9,8 +10,8 @@ from calib.geometry.se3 import so3_exp_coefficients
 ca.GlobalOptions.setNumpyMode(1)
 
 
-def symbolic_se3_exp(xi):
-    """T (4, 4) of a twist xi (6), smooth at zero."""
+def symbolic_se3_exp(xi: ca.SX) -> ca.SX:
+    """Return T (4, 4) of a twist xi (6), smooth at zero."""
     v, K = xi[:3], ca.skew(xi[3:])
     a, b, c = so3_exp_coefficients(ca.dot(xi[3:], xi[3:]))
     K2 = K @ K
@@ -19,30 +20,30 @@ def symbolic_se3_exp(xi):
     return ca.vertcat(ca.horzcat(R, t), ca.DM([[0, 0, 0, 1]]))
 
 
-def symbolic_inverse(T):
-    """T_b_a (4, 4) of T_a_b."""
+def symbolic_inverse(T: ca.SX) -> ca.SX:
+    """Return T_b_a (4, 4) of T_a_b."""
     R = T[:3, :3].T
     return ca.vertcat(ca.horzcat(R, -R @ T[:3, 3]), ca.DM([[0, 0, 0, 1]]))
 
 
-def make_residual_function(residual, columns):
-    """Function (T (3, 4), d (columns)) -> r (k), J (k, 6) of one measurement, in σ.
+def make_residual_function(residual: Callable[..., ca.SX], n_data: int) -> ca.Function:
+    """Return the function (T (3, 4), d (n_data)) -> r (k), J (k, 6) of one measurement, in σ.
 
-    J is the derivative by the right perturbation of T_sensor_target.
+    residual: of a kind of measurement; J: by the right perturbation of T_sensor_target.
     """
-    T, d, eta = ca.SX.sym("T", 3, 4), ca.SX.sym("d", columns), ca.SX.sym("eta", 6)
+    T, d, eta = ca.SX.sym("T", 3, 4), ca.SX.sym("d", n_data), ca.SX.sym("eta", 6)
     R, t = T[:, :3], T[:, 3]
-    moved = residual(R @ (ca.DM.eye(3) + ca.skew(eta[3:])), t + R @ eta[:3], d)
-    outputs = [moved, ca.jacobian(moved, eta)]
+    perturbed = residual(R @ (ca.DM.eye(3) + ca.skew(eta[3:])), t + R @ eta[:3], d)
+    outputs = [perturbed, ca.jacobian(perturbed, eta)]
     outputs = ca.cse([ca.densify(ca.substitute(o, eta, ca.DM.zeros(6))) for o in outputs])
     return ca.Function("kernel", [T, d], outputs)
 
 
-def _chain_expression():
-    """Symbols x (24), s (24), three poses (4, 4), and T_sensor_target (3, 4) of them.
+def _chain_expression() -> tuple[list[ca.SX], ca.SX]:
+    """Return the symbols x (24), s (24) and three poses (4, 4), and T_sensor_target (3, 4).
 
-    x holds the twists of the sensor, of the target in its body, of the robot's MCS pose and of the
-    body's, in units of s:
+    x: twists, in units of s, of the sensor, of the target's mount, and of the errors of the motion
+    capture poses of robot and body:
     T_sensor_target = (T_robot_sensor Exp(ξ₁))⁻¹ T_robot_target,
     T_robot_target = Exp(-ξ₃) T_robot_body Exp(ξ₄) T_body_target Exp(ξ₂),
     which is paper equation 1 with both measured poses corrected.
@@ -62,30 +63,34 @@ def _chain_expression():
 
 
 @cache
-def make_chain_function():
-    """Function (x, s, T_robot_sensor, T_robot_body, T_body_target) -> T_sensor_target (3, 4); paper
-    equation 1 (_chain)."""
+def make_chain_function() -> ca.Function:
+    """Return (x, s, T_robot_sensor, T_robot_body, T_body_target) -> T_sensor_target (3, 4).
+
+    Paper equation 1; see _chain_expression.
+    """
     inputs, T = _chain_expression()
     return ca.Function("chain", inputs, ca.cse([T]))
 
 
 @cache
-def make_condensed_cost():
-    """Functions of chain's inputs and T0 (3, 4), g (6), H (6, 6), of a cost that is ½ ηᵀHη + gᵀη of
-    the perturbation η of T_sensor_target from T0: to the cost, and to its gradient (24), Hessian
-    (24, 24), dη/dx (6, 24) and η (6).
+def make_condensed_cost() -> tuple[ca.Function, ca.Function]:
+    """Return the functions of the cost ½ ηᵀHη + gᵀη, and of its derivatives.
 
-    η = (R₀ᵀ(t - t₀), vee(R₀ᵀR)) is the right perturbation to first order; the Hessian leaves out
-    its curvature, as Gauss and Newton do.
+    η: perturbation of T_sensor_target from T0. Inputs: those of the chain function, T0 (3, 4),
+    g (6), H (6, 6). Outputs: the cost; its gradient (24), Hessian (24, 24), dη/dx (6, 24) and η (6).
+
+    η = (R₀ᵀ(t - t₀), vee(R₀ᵀR)) is the right perturbation to first order; the Hessian omits
+    its curvature (Gauss-Newton).
     """
     inputs, T = _chain_expression()
     T0, g, H = ca.SX.sym("T0", 3, 4), ca.SX.sym("g", 6), ca.SX.sym("H", 6, 6)
-    turned = T0[:, :3].T @ T[:, :3]
-    eta = ca.vertcat(T0[:, :3].T @ (T[:, 3] - T0[:, 3]), ca.inv_skew((turned - turned.T) / 2))
+    R = T0[:, :3].T @ T[:, :3]
+    eta = ca.vertcat(T0[:, :3].T @ (T[:, 3] - T0[:, 3]), ca.inv_skew((R - R.T) / 2))
     cost = ca.dot(g, eta) + ca.dot(eta, H @ eta) / 2
     B = ca.jacobian(eta, inputs[0])
-    slopes = [ca.densify(o) for o in (B.T @ (g + H @ eta), B.T @ H @ B, B, eta)]
+    derivatives = [ca.densify(o) for o in (B.T @ (g + H @ eta), B.T @ H @ B, B, eta)]
     inputs = [*inputs, T0, g, H]
-    return ca.Function("cost", inputs, ca.cse([cost])), ca.Function(
-        "slopes", inputs, ca.cse(slopes)
+    return (
+        ca.Function("cost", inputs, ca.cse([cost])),
+        ca.Function("derivatives", inputs, ca.cse(derivatives)),
     )

@@ -14,15 +14,13 @@ from calib.estimation.corrections.clock_offset import (
 )
 from calib.estimation.estimate_state import initial_state
 from calib.estimation.estimation_problem import MeasurementGroup, Placement
+from calib.estimation.measurement_assignment import assign_measurements
 from calib.estimation.nlp.information_matrix import covariance_from_information
-from calib.estimation.pose_chain import linearization_poses, pack_unknowns
-from calib.estimation.solver import (
-    assign_measurements,
+from calib.estimation.round_solution import (
     build_nlp,
-    correction_derivatives,
-    estimate_poses,
-    moving_view_error_priors,
+    linearize_measurements,
 )
+from calib.estimation.solver import estimate_poses
 from calib.geometry.se3 import invert_pose, se3_exp, se3_log, transform_points
 from calib.geometry.units import NS_PER_S
 from calib.mocap.body_trajectory import Trajectory, find_separate_streams, relative_trajectory
@@ -184,7 +182,9 @@ def recorded(late, seed=0, views=25, sensors=("camera", "lidar"), later=0.0, ppm
 
 
 def solved(made):
-    return estimate_poses(made, START, 40, 1e-7, 1e-7, 30.0)
+    return estimate_poses(
+        made, START, max_rounds=40, tolerance_m=1e-7, tolerance_rad=1e-7, initial_noise_factor=30.0
+    )
 
 
 def offset(made, result, name):
@@ -346,12 +346,7 @@ def test_the_error_of_a_view_in_motion_is_the_one_that_an_unknown_of_its_own_wou
     state = initial_state(made, TRUE_POSES, 1.0)
     state.moving_view_errors[:] = 1e-4
     assigned = assign_measurements(made, state)
-    given = *pack_unknowns(made, state), linearization_poses(made, state), assigned
-    slopes, errors = (
-        correction_derivatives(made, state, assigned),
-        moving_view_error_priors(made, state),
-    )
-    part = build_nlp(made).linearize(*given, slopes, errors)[-1]
+    part = linearize_measurements(made, build_nlp(made), state, assigned)[-1]
     plain = replace(part, view_covariance=None, view_error=None)
     E = np.concatenate([np.eye(6), np.zeros((0, 6))])
     across = plain.dpose_dx.T @ plain.pose_information @ E

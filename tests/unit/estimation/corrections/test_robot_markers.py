@@ -12,8 +12,10 @@ from calib.estimation.corrections.robot_markers import (
     robot_markers_json,
 )
 from calib.estimation.estimate_state import initial_state
+from calib.estimation.measurement_assignment import assign_measurements
 from calib.estimation.nlp.information_matrix import covariance_from_information
-from calib.estimation.solver import assign_measurements, correction_derivatives, estimate_poses
+from calib.estimation.round_solution import correction_derivatives
+from calib.estimation.solver import estimate_poses
 from calib.geometry.se3 import invert_pose, se3_exp, se3_log
 from helpers import synthetic_setup
 from helpers.synthetic_sessions import SESSION_LIMITS, make_two_sessions
