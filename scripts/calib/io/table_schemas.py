@@ -147,7 +147,9 @@ PAIRS_SCHEMA = _make_schema(
     _make_column("sensor", TEXT_TYPE),
     *_KEYPOINT_COLUMNS,
     _make_column(
-        "candidate_feature", pa.int32(), meaning="corner, edge or template point; -1 if not assigned"
+        "candidate_feature",
+        pa.int32(),
+        meaning="corner, edge or template point; -1 if not assigned",
     ),
     _make_column(
         "residual",
