@@ -11,7 +11,6 @@ from calib.estimation.pose_chain import T_sensor_target, deskew_group, model_wit
 from calib.estimation.residuals.assignment import Assignment
 from calib.estimation.residuals.residual_registry import (
     RESIDUAL_KINDS,
-    first_assignment,
     uses_template_points,
 )
 
@@ -29,7 +28,7 @@ def assign_at_initial_guess(setup: Setup, state: State) -> list[Assignment]:
     out = []
     for g in setup.groups:
         if g.initial_features is None:
-            out.append(_assign_group(setup, state, g, first_assignment(g.kind)))
+            out.append(_assign_group(setup, state, g, RESIDUAL_KINDS[g.kind].assign_first))
         else:
             assign = RESIDUAL_KINDS[g.kind].assign
             out.append(_assign_group(setup, state, g, assign, features=g.initial_features))
@@ -49,8 +48,8 @@ def _assign_group(
         setup.targets[setup.placements[group.placement].target],
         T_sensor_target(setup, state, group.sensor, group.placement),
         group.keypoints,
-        setup.associate_options,
-        state.noise[noise_key(group)],
+        options=setup.associate_options,
+        noise=state.noise[noise_key(group)],
         **features,
     )
 

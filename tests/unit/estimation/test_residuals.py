@@ -150,7 +150,7 @@ def test_a_return_on_an_end_late_by_some_centimetres_is_off_by_them(late):
     keypoints = {"xyz": p[None], "sigma": np.full(1, 0.02), "feature_index": [0]}
     options = {"gate_sigma": 6.0, "edge_margin_m": 0.02, "min_cosine": 0.3}
     found = RESIDUAL_KINDS["cylinder_cap"].assign(
-        LIDAR, CYLINDER, T, keypoints, options, Noise(1.0, 0.0)
+        LIDAR, CYLINDER, T, keypoints, options=options, noise=Noise(1.0, 0.0)
     )
     assert found.feature[0] == 0 and found.residual[0] == pytest.approx([-late], abs=1e-8)
     assert found.cos_incidence[0] == pytest.approx(beam[0])
@@ -165,7 +165,7 @@ def test_a_return_at_the_rim_on_the_side_or_behind_is_on_no_end(q):
     keypoints["feature_index"] = [0]
     options = {"gate_sigma": 6.0, "edge_margin_m": 0.02, "min_cosine": 0.3}
     found = RESIDUAL_KINDS["cylinder_cap"].assign(
-        LIDAR, CYLINDER, T, keypoints, options, Noise(1.0, 0.0)
+        LIDAR, CYLINDER, T, keypoints, options=options, noise=Noise(1.0, 0.0)
     )
     assert found.feature[0] == -1
 
@@ -238,7 +238,7 @@ def test_a_limb_seen_a_pixel_outside_its_place_has_a_residual_of_a_pixel():
         keypoints = columns | {"feature_index": np.array([side])}
         options = {"gate_sigma": 6.0, "edge_margin_m": 0.02}
         found = RESIDUAL_KINDS["cylinder_limb"].assign(
-            PINHOLE, CYLINDER, T, keypoints, options, Noise(1.0, 0.0)
+            PINHOLE, CYLINDER, T, keypoints, options=options, noise=Noise(1.0, 0.0)
         )
         if found.feature[0] >= 0:
             residual = RESIDUAL_KINDS["cylinder_limb"].residual(PINHOLE, CYLINDER)

@@ -20,7 +20,6 @@ from calib.estimation.residuals.assignment import Noise
 from calib.estimation.residuals.nearest_point import template_point_residual
 from calib.estimation.residuals.residual_registry import (
     RESIDUAL_KINDS,
-    first_assignment,
     uses_template_points,
 )
 from calib.estimation.residuals.template_silhouette import find_rim_points
@@ -443,9 +442,7 @@ def test_three_kinds_are_measured_against_the_nearest_point():
         "template_silhouette",
     }
     for name, kind in RESIDUAL_KINDS.items():
-        assert first_assignment(name) is (
-            kind.assign_first if uses_template_points(name) else kind.assign
-        )
+        assert (kind.assign_first is kind.assign) == (not uses_template_points(name))
 
 
 CORNERS = replace(BOARD, point_template=replace(BOARD.point_template, keypoint_mode="corners"))
@@ -460,8 +457,8 @@ paired = pytest.mark.parametrize("kind", PAIRED)
 def pairs(kind, q, T_guess, first=False, sigma=0.01):
     """The Assignment of points at q (n, 3) on the target at T_BOARD."""
     keypoints = {"xyz": transform_points(T_BOARD, q), "sigma": np.full(len(q), sigma)}
-    function = first_assignment(kind) if first else RESIDUAL_KINDS[kind].assign
-    return function(LIDAR, PAIRED[kind][0], T_guess, keypoints, GATE, Noise(1.0, 0.0))
+    function = RESIDUAL_KINDS[kind].assign_first if first else RESIDUAL_KINDS[kind].assign
+    return function(LIDAR, PAIRED[kind][0], T_guess, keypoints, options=GATE, noise=Noise(1.0, 0.0))
 
 
 @paired
@@ -572,7 +569,9 @@ def seen(view, target):
     uv, valid = PINHOLE.project(transform_points(T, target.point_template.xyz))
     assert valid.all() and PINHOLE.is_in_image(uv).all()
     keypoints = {"view": np.zeros(len(uv), int), "uv": uv, "sigma": np.full(len(uv), 1e3)}
-    found = template_silhouette.assign(PINHOLE, target, T, keypoints, GATE, Noise(1.0, 0.0))
+    found = template_silhouette.assign(
+        PINHOLE, target, T, keypoints, options=GATE, noise=Noise(1.0, 0.0)
+    )
     q = target.point_template.xyz[np.unique(found.feature)]
     # The planes through the camera that touch the side have the normals (0, cos, sin) of these.
     _, y, z = invert_pose(T)[:3, 3]
@@ -610,7 +609,7 @@ def test_the_silhouette_where_it_is_belongs_to_itself_without_residual():
     T = make_pose(so3_exp([0.2, 0.3, 1.4]), [0.1, 0.05, 2])
     keypoints, rows = contour_of(T)
     for function in (template_silhouette.assign, template_silhouette.assign_first):
-        found = function(PINHOLE, CYLINDER, T, keypoints, GATE, Noise(1.0, 0.0))
+        found = function(PINHOLE, CYLINDER, T, keypoints, options=GATE, noise=Noise(1.0, 0.0))
         assert np.array_equal(found.feature, rows)
         assert np.abs(found.residual).max() < 1e-9 and not found.cos_incidence.any()
         assert found.data[:, 2:5] == pytest.approx(CYLINDER.point_template.xyz[rows])
@@ -623,13 +622,13 @@ def test_the_first_pass_lays_the_centroids_of_the_contours_on_each_other():
     guess = make_pose(t=[0, 0.06, 0]) @ T
     wrong = []
     for function in (template_silhouette.assign_first, template_silhouette.assign):
-        found = function(PINHOLE, CYLINDER, guess, keypoints, GATE, Noise(100.0, 0.0))
+        found = function(PINHOLE, CYLINDER, guess, keypoints, options=GATE, noise=Noise(100.0, 0.0))
         off_own = found.data[:, 2:5] - CYLINDER.point_template.xyz[rows]
         wrong.append(np.median(np.linalg.norm(off_own, axis=1)))
         assert (found.feature >= 0).all()
     assert wrong[0] < 0.01 and wrong[1] > 0.05
     value = template_silhouette.assign_first(
-        PINHOLE, CYLINDER, guess, keypoints, GATE, Noise(100.0, 0.0)
+        PINHOLE, CYLINDER, guess, keypoints, options=GATE, noise=Noise(100.0, 0.0)
     ).residual
     assert value.mean(0) == pytest.approx([0, -24], abs=2)  # px: 6 cm · 800 px / 2 m
 
@@ -639,7 +638,7 @@ def test_a_target_behind_the_camera_has_no_silhouette():
     keypoints, _ = contour_of(T)
     behind = make_pose(t=[0, 0, -2.0])
     for function in (template_silhouette.assign, template_silhouette.assign_first):
-        found = function(PINHOLE, CYLINDER, behind, keypoints, GATE, Noise(1.0, 0.0))
+        found = function(PINHOLE, CYLINDER, behind, keypoints, options=GATE, noise=Noise(1.0, 0.0))
         assert (found.feature == -1).all()
 
 

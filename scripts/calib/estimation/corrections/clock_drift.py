@@ -82,6 +82,8 @@ def offset_residuals(setup: Setup, result: EstimationResult, sensor: str) -> Off
 
     All poses are fixed. Views that do not constrain the offset are left out.
     """
+    if result.solve_result is None:
+        return OffsetResiduals([], np.zeros(0), np.zeros(0))
     span = setup.correction_slice(TIME_OFFSET, sensor)
     (column,) = np.arange(setup.n_unknowns)[setup.n_chain_unknowns :][span]
     (scale,) = setup.correction_sigma[span]

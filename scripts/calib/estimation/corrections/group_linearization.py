@@ -102,8 +102,8 @@ class GroupLinearization:
             self.target if target is None else target,
             self.T_sensor_target if T_sensor_target is None else T_sensor_target,
             g.keypoints,
-            self.setup.associate_options,
-            self.state.noise[noise_key(g)],
+            options=self.setup.associate_options,
+            noise=self.state.noise[noise_key(g)],
         )
         same = (changed.candidate_feature == now.candidate_feature)[:, None]
         return replace(now, residual=np.where(same, changed.residual, now.residual)).standardized.T

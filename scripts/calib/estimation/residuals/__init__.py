@@ -1,2 +1,7 @@
-"""Residuals: residual_registry lists the kinds of measurement; one file per kind; assignment and
-robust_loss serve all."""
+"""Residuals: one file per kind of measurement, listed in residual_registry.
+
+assignment     what every kind returns: features, residuals, weights
+robust_loss    Tukey's biweight: weight and cost
+nearest_point  shared by the kinds that are compared with points of a template
+unit_normal    shared by the kinds that are compared with a straight edge or limb
+"""

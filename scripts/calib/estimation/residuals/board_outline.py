@@ -1,77 +1,121 @@
-"""Directions in which a lidar's scan lines leave the outline of a flat target."""
+"""Directions in which a lidar's scan lines leave the outline of a board.
 
-import casadi as ca
+Residual: the angle between the ray d of a crossing (halfway between two beams) and the plane
+through the lidar and an edge (a, b), less the angle by which the lidar sees outlines too wide,
+    r = n · d - dilation,   n = (Ra + t) × (Rb + t) / |(Ra + t) × (Rb + t)|.
+It takes the place of the corners of a scan's outline (template_vertex, equation 2): a beam
+determines the direction of an edge, not its range.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
-from calib.estimation.residuals.assignment import Assignment, number_repeat_groups
+from calib.estimation.residuals.assignment import (
+    Assignment,
+    Keypoints,
+    Noise,
+    ResidualExpression,
+    number_repeat_groups,
+)
+from calib.estimation.residuals.unit_normal import dot, unit_normal
+from calib.geometry.numpy_or_casadi import ArrayOrExpression
 from calib.geometry.polygon import nearest_polygon_edge
 from calib.geometry.se3 import invert_pose, transform_points
+from calib.sensors.lidar.lidar_model import LidarModel
+from calib.targets.board import Board
 
 UNIT, MIN_SIGMA = "rad", None
 DATA_COLUMNS = ("dx", "dy", "dz", "ax", "ay", "az", "bx", "by", "bz", "wider", "weight")
-MIN_VERTEX_DISTANCE_M = 0.02  # a crossing nearer than this to a vertex may belong to either edge
-MIN_SCAN_ANGLE_SINE = 0.2  # an edge more parallel than this to the scan line fixes no crossing
+USES_TEMPLATE_POINTS = False
+MIN_VERTEX_DISTANCE_M = 0.02  # a crossing nearer to a vertex may belong to either edge
+MIN_SCAN_ANGLE_SINE = 0.2  # an edge more parallel to the scan line determines no crossing
 
 
-def assign(lidar, target, T_sensor_target, keypoints, options, noise, features=None):
-    """Crossings of the outline, each with the edge nearest to where its ray meets the board.
+def assign(
+    model: LidarModel,
+    target: Board,
+    T_sensor_target: np.ndarray,
+    keypoints: Keypoints,
+    *,
+    options: Mapping[str, Any],
+    noise: Noise,
+    features: np.ndarray | None = None,
+) -> Assignment:
+    """Assign every crossing to the edge nearest to where its ray meets the board.
 
-    A crossing lies anywhere between two beams: σ is the step between them over √12, taken across
-    the edge. Where the scans of a placement repeat a crossing they have its error in common. What
-    the lidar's beams see an outline wider (rig.Lidar.widening) is taken off.
-    features (n,): edge of each crossing where it was assigned before, -1 for none.
+    A crossing lies anywhere between two beams: σ is their distance over √12, taken across the
+    edge. Repetitions of a crossing in the scans of a placement have this error in common.
+    features: edges, numbered as outline_edges.
     """
-    T_target_sensor = invert_pose(T_sensor_target)
-    ray = lidar.correct_rays(
-        keypoints["xyz"], _intersect_board_plane(T_target_sensor, keypoints["xyz"])[1]
-    )
+    T_target_sensor, ray = invert_pose(T_sensor_target), keypoints["xyz"]
+    ray = model.correct_rays(ray, _intersect_board_plane(T_target_sensor, ray)[1])
     hit, ranges, cosine = _intersect_board_plane(T_target_sensor, ray)
     index, fraction = nearest_polygon_edge(target.vertices, hit[:, :2], features)
     ends = target.outline_edges()[index]
-    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     a, b = (transform_points(T_sensor_target, ends[:, k]) for k in (0, 1))
-    normal = np.cross(a, b)
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    normal = np.column_stack(unit_normal(a.T, b.T))
     outwards = -np.sign(normal @ transform_points(T_sensor_target, target.centre[None])[0])
-    wider = outwards * lidar.outline_dilation(ranges)
-    angle = np.sum(normal * ray, 1) - wider
+    dilation = outwards * model.outline_dilation(ranges)
     across = np.abs(np.sum(normal * np.cross([0.0, 0.0, 1.0], ray), 1))
-    clear = np.minimum(fraction, 1 - fraction) * length > MIN_VERTEX_DISTANCE_M
-    over = clear & (across > MIN_SCAN_ANGLE_SINE) & (cosine > options["min_cosine"])
+    admitted = (
+        _is_off_vertices(ends, fraction)
+        & (across > MIN_SCAN_ANGLE_SINE)
+        & (cosine > options["min_cosine"])
+    )
     return Assignment(
         candidate_feature=index,
-        geometric_weight=over.astype(float),
+        geometric_weight=admitted.astype(float),
         repeat_group=number_repeat_groups(index, keypoints["feature_index"]),
         keypoint_sigma=keypoints["sigma"] * np.maximum(across, MIN_SCAN_ANGLE_SINE),
-        residual=angle[:, None],
+        residual=_angle_from_edge(ray.T, a.T, b.T, dilation)[:, None],
         range=ranges,
         cos_incidence=cosine,
-        data=np.column_stack([ray, ends.reshape(-1, 6), wider]),
+        data=np.column_stack([ray, ends.reshape(-1, 6), dilation]),
         noise=noise,
         gate_sigma=options["gate_sigma"],
     )
 
 
-def _intersect_board_plane(T_target_sensor, ray):
-    """Where rays (n, 3), sensor frame, meet the plane of the target (n, 3), target frame, how far
-    off (n,), and the cosine of incidence (n,)."""
+assign_first = assign
+
+
+def residual(model: LidarModel, target: Board) -> ResidualExpression:
+    """Return the expression of the angle over σ; (1)."""
+
+    def weighted_angle(
+        R: ArrayOrExpression, t: ArrayOrExpression, d: ArrayOrExpression
+    ) -> ArrayOrExpression:
+        return _angle_from_edge(d[:3], R @ d[3:6] + t, R @ d[6:9] + t, d[9]) * d[10]
+
+    return weighted_angle
+
+
+def _angle_from_edge(
+    ray: ArrayOrExpression,
+    a: ArrayOrExpression,
+    b: ArrayOrExpression,
+    dilation: ArrayOrExpression,
+) -> ArrayOrExpression:
+    """Return the residual, rad; ray, a, b: (3, n) arrays or (3) expressions, sensor frame."""
+    return dot(unit_normal(a, b), ray) - dilation
+
+
+def _is_off_vertices(ends: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+    """Return which crossings (n,), at fractions (n,) of edges (n, 2, 3), are off the vertices."""
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return np.minimum(fraction, 1 - fraction) * length > MIN_VERTEX_DISTANCE_M
+
+
+def _intersect_board_plane(
+    T_target_sensor: np.ndarray, ray: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Intersect rays (n, 3), sensor frame, with the plane of the board.
+
+    Returns points (n, 3), target frame, their ranges (n,), and the cosine of incidence (n,).
+    """
     origin, beam = T_target_sensor[:3, 3], ray @ T_target_sensor[:3, :3].T
     steep = np.where(np.abs(beam[:, 2]) > 1e-6, beam[:, 2], 1e-6)
     along = -origin[2] / steep
     return origin + beam * along[:, None], np.abs(along), -beam[:, 2]
-
-
-def residual(lidar, target):
-    """Angle between a ray (lidar frame) and the plane through the lidar and an outline edge, less
-    what the outline is seen wider; (1).
-
-    It is what a beam can tell of an edge: the crossing's direction, not its range.
-    """
-
-    def of(R, t, d):
-        ray, a, b = d[:3], R @ d[3:6] + t, R @ d[6:9] + t
-        normal = ca.cross(a, b)
-        angle = ca.dot(normal, ray) / ca.sqrt(ca.dot(normal, normal) + 1e-20)
-        return (angle - d[9]) * d[10]
-
-    return of

@@ -1,32 +1,57 @@
-"""Lidar returns on the flat ends of a cylinder, which alone tell a lidar how far along it sits."""
+"""Lidar returns on the flat ends of a cylinder, which alone determine its place along its axis.
+
+Residual: the distance along the beam u = p/|p| from a return p to the end e = ±1,
+    r = gap(Rᵀ(p - t), Rᵀu, e),
+where gap is cap_distance_along_beam of the cylinder, the same lines for arrays and expressions.
+"""
+
+from collections.abc import Mapping
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from calib.estimation.residuals.assignment import Assignment
-from calib.estimation.residuals.robust_loss import taper_weight
+from calib.estimation.residuals.assignment import (
+    Assignment,
+    Keypoints,
+    Noise,
+    ResidualExpression,
+    taper_weight,
+)
 from calib.estimation.residuals.target_surface import (
     EDGE_TAPER_M,
     INCIDENCE_TAPER_COS,
     returns_in_target_frame,
 )
+from calib.geometry.numpy_or_casadi import ArrayOrExpression
+from calib.sensors.lidar.lidar_model import LidarModel
+from calib.targets.cylinder import Cylinder
 
 UNIT, MIN_SIGMA = "m", 1e-7
 DATA_COLUMNS = ("x", "y", "z", "end", "weight")
+USES_TEMPLATE_POINTS = False
 
 
-def assign(lidar, target, T_sensor_target, keypoints, options, noise, features=None):
-    """Returns whose beams meet the end that faces the lidar within its rim; off along the beam.
+def assign(
+    model: LidarModel,
+    target: Cylinder,
+    T_sensor_target: np.ndarray,
+    keypoints: Keypoints,
+    *,
+    options: Mapping[str, Any],
+    noise: Noise,
+    features: np.ndarray | None = None,
+) -> Assignment:
+    """Assign returns whose beams meet the end that faces the lidar, within its rim.
 
-    features (n,): 1 for the end towards +x, 0 for the other, -1 where a return was assigned to
-    nothing before.
+    features: 1 for the end towards +x, 0 for the other, -1 for none.
     """
-    p = lidar.correct_ranges(keypoints["xyz"], keypoints["feature_index"])
+    p = model.correct_ranges(keypoints["xyz"], keypoints["feature_index"])
     ranges, q, beams = returns_in_target_frame(p, T_sensor_target)
     end = -np.sign(beams[:, 0]) if features is None else np.where(features > 0, 1.0, -1.0)
     gap, cosine = target.cap_distance_along_beam(q.T, beams.T, end)
-    met = q + gap[:, None] * beams
-    inside = target.radius - np.hypot(met[:, 1], met[:, 2])
+    hit = q + gap[:, None] * beams
+    inside = target.radius - np.hypot(hit[:, 1], hit[:, 2])
     trust = taper_weight(cosine - options["min_cosine"], INCIDENCE_TAPER_COS)
     trust *= taper_weight(inside - options["edge_margin_m"], EDGE_TAPER_M)
     return Assignment(
@@ -43,12 +68,17 @@ def assign(lidar, target, T_sensor_target, keypoints, options, noise, features=N
     )
 
 
-def residual(lidar, target):
-    """How far along the beam a return lies before the end, over σ; (1)."""
+assign_first = assign
 
-    def of(R, t, d):
+
+def residual(model: LidarModel, target: Cylinder) -> ResidualExpression:
+    """Return the expression of the distance along the beam over σ; (1)."""
+
+    def weighted_gap(
+        R: ArrayOrExpression, t: ArrayOrExpression, d: ArrayOrExpression
+    ) -> ArrayOrExpression:
         beam = R.T @ d[:3] / ca.sqrt(ca.dot(d[:3], d[:3]))
         gap, _ = target.cap_distance_along_beam(R.T @ (d[:3] - t), beam, d[3])
         return gap * d[4]
 
-    return of
+    return weighted_gap

@@ -1,20 +1,37 @@
 """Points against the nearest of a set of target points: the paper's correspondence search, III-D.
 
-The very first pass lays the centroid of the target's points on that of the measured ones, because
-a wrong guess shifts the whole target first.
+Residual, equation 2: a measured point p minus the target point q that it is assigned to,
+    r = p - Rq - t.
+In the first round the centroid of the measured points is laid on that of the target's points,
+because a wrong guess shifts the whole target first.
 """
 
-import numpy as np
+from collections.abc import Mapping
+from typing import Any
 
-from calib.estimation.residuals.assignment import Assignment
+import numpy as np
+from scipy.spatial import cKDTree
+
+from calib.estimation.residuals.assignment import Assignment, Keypoints, Noise
+from calib.geometry.numpy_or_casadi import ArrayOrExpression
 from calib.geometry.se3 import invert_pose, transform_points
 
 
-def assign_nearest_points(tree, T_sensor_target, keypoints, options, noise, shift, features=None):
-    """Measured points, each with the nearest of the tree's points (m, 3), target frame.
+def assign_nearest_points(
+    tree: cKDTree,
+    T_sensor_target: np.ndarray,
+    keypoints: Keypoints,
+    *,
+    options: Mapping[str, Any],
+    noise: Noise,
+    shift: np.ndarray | float = 0.0,
+    features: np.ndarray | None = None,
+) -> Assignment:
+    """Assign each measured point to the nearest point of the tree (m, 3), target frame.
 
-    shift (3,): by which the measured points are moved, in the target frame, for the search alone.
-    features (n,): point of each where it was assigned before, -1 for none.
+    The residual is r turned into the target frame, so that its parts are along and across the
+    target. shift (3,): added to the measured points, target frame, for the search alone; features
+    (n,): points of the tree to use instead of the nearest, -1 for none.
     """
     p = keypoints["xyz"]
     q = transform_points(invert_pose(T_sensor_target), p)
@@ -37,28 +54,14 @@ def assign_nearest_points(tree, T_sensor_target, keypoints, options, noise, shif
     )
 
 
-def centroid_shift(tree, T_sensor_target, keypoints):
-    """Shift (3,) that lays the measured points' centroid on that of the tree's points."""
+def centroid_shift(tree: cKDTree, T_sensor_target: np.ndarray, keypoints: Keypoints) -> np.ndarray:
+    """Return the shift (3,) from the centroid of the measured points to that of the tree."""
     q = transform_points(invert_pose(T_sensor_target), keypoints["xyz"])
     return tree.data.mean(0) - q.mean(0)
 
 
-def make_nearest_point_assigns(get_tree):
-    """(assign, first) of a kind whose measurements belong to points of tree_of(target)."""
-
-    def assign_to(lidar, target, T_sensor_target, keypoints, options, noise, features=None):
-        return assign_nearest_points(
-            get_tree(target), T_sensor_target, keypoints, options, noise, 0.0, features
-        )
-
-    def first(lidar, target, T_sensor_target, keypoints, options, noise):
-        tree = get_tree(target)
-        shift = centroid_shift(tree, T_sensor_target, keypoints)
-        return assign_nearest_points(tree, T_sensor_target, keypoints, options, noise, shift)
-
-    return assign_to, first
-
-
-def template_point_residual(R, t, d):
-    """Paper equation 2: a measured point minus the target's point it belongs to, over σ; (3)."""
+def template_point_residual(
+    R: ArrayOrExpression, t: ArrayOrExpression, d: ArrayOrExpression
+) -> ArrayOrExpression:
+    """Return the expression of r over σ; (3)."""
     return (d[:3] - R @ d[3:6] - t) * d[6]

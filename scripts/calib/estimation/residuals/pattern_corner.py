@@ -1,28 +1,53 @@
-"""Corners of a printed pattern in an image; paper equation 3."""
+"""Corners of a printed pattern in an image; paper equation 3.
+
+Residual: the measured pixel minus the projection π of the corner q of the target, whitened,
+    r = W ((u, v) - π(Rq + t)),   W = [[a, b], [0, c]].
+π is project of the camera's model, the same lines for arrays and expressions.
+"""
+
+from collections.abc import Mapping
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from calib.estimation.residuals.assignment import Assignment
+from calib.estimation.residuals.assignment import (
+    Assignment,
+    Keypoints,
+    Noise,
+    ResidualExpression,
+)
+from calib.geometry.numpy_or_casadi import ArrayOrExpression
 from calib.geometry.se3 import invert_pose, transform_points
-from calib.sensors.camera.camera_model import CAMERA_MODELS
+from calib.sensors.camera.camera_model import CAMERA_MODELS, CameraModel
+from calib.targets.board import Board
 
 UNIT, MIN_SIGMA = "px", 1e-3
 DATA_COLUMNS = ("u", "v", "x", "y", "z", "a", "b", "c", "weight")
+USES_TEMPLATE_POINTS = False
+MAX_LABELLING_RATIO = 0.5  # of the misfits of the best and the second best labelling of a view
 
 
-def assign(camera, target, T_sensor_target, keypoints, options, noise, features=None):
-    """Corners of each view numbered as the labelling that fits the prediction best.
+def assign(
+    model: CameraModel,
+    target: Board,
+    T_sensor_target: np.ndarray,
+    keypoints: Keypoints,
+    *,
+    options: Mapping[str, Any],
+    noise: Noise,
+    features: np.ndarray | None = None,
+) -> Assignment:
+    """Assign the corners of each view by the labelling that fits the prediction best.
 
-    The offset common to a view is ignored, because a wrong guess shifts the whole pattern first;
-    a view whose best two labellings fit nearly alike is left out. features (n,): corner of each
-    measurement where it was assigned before, -1 for none.
+    The mean offset of a view is ignored, because a wrong guess shifts the whole pattern first. A
+    view whose best two labellings fit nearly alike is left out. features: corners of the pattern.
     """
     corners = target.pattern.corners()
-    uv, valid = camera.project(transform_points(T_sensor_target, corners))
+    uv, valid = model.project(transform_points(T_sensor_target, corners))
     n = len(keypoints["view"])
     corner = _choose_corners(target.pattern, uv, keypoints) if features is None else features
-    at, whiten = corners[corner], keypoints["whitening"]
+    q, whitening = corners[corner], keypoints["whitening"]
     cosine = target.check_facing(invert_pose(T_sensor_target)[:3, 3])[1]
     return Assignment(
         candidate_feature=np.where(valid[corner], corner, -1),
@@ -30,17 +55,49 @@ def assign(camera, target, T_sensor_target, keypoints, options, noise, features=
         repeat_group=np.maximum(corner, 0),
         keypoint_sigma=keypoints["sigma"],
         residual=keypoints["uv"] - uv[corner],
-        range=np.linalg.norm(transform_points(T_sensor_target, at), axis=1),
+        range=np.linalg.norm(transform_points(T_sensor_target, q), axis=1),
         cos_incidence=np.full(n, cosine),
-        data=np.column_stack([keypoints["uv"], at, whiten]),
+        data=np.column_stack([keypoints["uv"], q, whitening]),
         noise=noise,
         gate_sigma=options["gate_sigma"],
-        whitening=whiten,
+        whitening=whitening,
     )
 
 
-def _choose_corners(pattern, predicted, keypoints):
-    """Corner (n,) of each measurement, or -1 in a view whose best two labellings fit alike."""
+assign_first = assign
+
+
+def residual(model: CameraModel, target: Any) -> ResidualExpression:
+    """Return the expression of the whitened difference over σ; (2)."""
+    project = CAMERA_MODELS[model.model].project
+
+    def weighted_difference(
+        R: ArrayOrExpression, t: ArrayOrExpression, d: ArrayOrExpression
+    ) -> ArrayOrExpression:
+        p = R @ d[2:5] + t
+        u, v = project(model.params, p[0], p[1], p[2])
+        du, dv = d[0] - u, d[1] - v
+        return ca.vertcat(d[5] * du + d[6] * dv, d[7] * dv) * d[8]
+
+    return weighted_difference
+
+
+def score_labellings(
+    pattern: Any, predicted: np.ndarray, keypoints: Keypoints, rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Score every labelling of the rows (k,) of one view against predicted pixels (c, 2).
+
+    Returns the corners (m, k) by each labelling, and the rms (m,), px, of the distances to the
+    predicted pixels without their mean offset.
+    """
+    labellings = pattern.corner_orders()[:, keypoints["feature_index"][rows]]
+    offset = keypoints["uv"][rows] - predicted[labellings]
+    offset -= offset.mean(1, keepdims=True)
+    return labellings, np.sqrt((offset**2).sum(-1).mean(-1))
+
+
+def _choose_corners(pattern: Any, predicted: np.ndarray, keypoints: Keypoints) -> np.ndarray:
+    """Return the corner (n,) of each measurement, -1 in views with two labellings alike."""
     corner = np.full(len(keypoints["view"]), -1)
     for view in np.unique(keypoints["view"]):
         rows = np.flatnonzero(keypoints["view"] == view)
@@ -48,32 +105,12 @@ def _choose_corners(pattern, predicted, keypoints):
     return corner
 
 
-def _choose_labelling(pattern, predicted, keypoints, rows):
-    """Corner of each row of one view, or -1 for all when two labellings fit nearly alike."""
-    options, misfit = score_labellings(pattern, predicted, keypoints, rows)
-    if len(options) == 1:
-        return options[0]
+def _choose_labelling(
+    pattern: Any, predicted: np.ndarray, keypoints: Keypoints, rows: np.ndarray
+) -> np.ndarray | int:
+    """Return the corner (k,) of each row of one view, or -1 if two labellings fit nearly alike."""
+    labellings, misfit = score_labellings(pattern, predicted, keypoints, rows)
+    if len(labellings) == 1:
+        return labellings[0]
     best, second = np.argsort(misfit)[:2]
-    return options[best] if misfit[best] < 0.5 * misfit[second] else -1
-
-
-def score_labellings(pattern, predicted, keypoints, rows):
-    """Corners (m, k) of the rows (k,) of one view by each labelling, and how far (m,), px, rms, the
-    measured ones then lie from predicted pixels, but for an offset that they share."""
-    options = pattern.corner_orders()[:, keypoints["feature_index"][rows]]
-    away = keypoints["uv"][rows] - predicted[options]
-    away -= away.mean(1, keepdims=True)
-    return options, np.sqrt((away**2).sum(-1).mean(-1))
-
-
-def residual(camera, target):
-    """The measured pixel minus the projected point of the target, whitened, over σ; (2)."""
-    project = CAMERA_MODELS[camera.model].project
-
-    def of(R, t, d):
-        p = R @ d[2:5] + t
-        u, v = project(camera.params, p[0], p[1], p[2])
-        du, dv = d[0] - u, d[1] - v
-        return ca.vertcat(d[5] * du + d[6] * dv, d[7] * dv) * d[8]
-
-    return of
+    return labellings[best] if misfit[best] < MAX_LABELLING_RATIO * misfit[second] else -1

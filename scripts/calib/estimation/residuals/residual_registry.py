@@ -1,21 +1,14 @@
-"""Kinds of measurement: which part of a target each belongs to, and what it says about the pose.
+"""The kinds of measurement: what each is assigned to, and its residual.
 
-A kind is one module with
-  UNIT            "px", "m" or "rad", of its residuals;
-  ROUNDING        of the data, in UNIT: below it no noise is estimated. None where σ is no noise but
-                  the step of a scan pattern, which can only turn out larger;
-  DATA            names of one measurement's numbers, the last of which is 1/σ: 0 takes it out;
-  assign(model, target, T_sensor_target, keypoints, options, noise, features=None) -> Assignment
-                  of keypoints (columns) of one sensor, its Camera or rig.Lidar, in one placement;
-                  noise: the present Noise, in units of the keypoints' own σ; features (n,): of each
-                  measurement where it was assigned before (stage associate), -1 for none;
-  residual(model, target) -> function of R (3, 3) and t (3), of T_sensor_target, and of the numbers:
-                  a CasADi expression in units of σ;
-  first           as assign, where the very first pass differs.
-
-Membership is decided here, for extract and solve alike. To add a kind: write
-calib/estimation/residuals/<kind>.py and add it to KINDS.
+To add a kind: write calib/estimation/residuals/<kind>.py with the members of ResidualKind and add
+it to RESIDUAL_KINDS. Every kind decides which measurements are inliers, for extract and solve
+alike. The formula of a residual is written once, for arrays and CasADi expressions.
 """
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
 
 from calib.estimation.residuals import (
     board_outline,
@@ -27,8 +20,83 @@ from calib.estimation.residuals import (
     template_silhouette,
     template_vertex,
 )
+from calib.estimation.residuals.assignment import (
+    Assignment,
+    Keypoints,
+    Noise,
+    ResidualExpression,
+)
 
-RESIDUAL_KINDS = {
+
+class AssignFirst(Protocol):
+    """Assigns keypoints of one sensor in one placement to features of the target.
+
+    model: CameraModel or LidarModel of the sensor; target: its shape; noise: the current one, in
+    units of the keypoints' own σ; options: block `associate` of the config.
+    """
+
+    def __call__(
+        self,
+        model: Any,
+        target: Any,
+        T_sensor_target: np.ndarray,
+        keypoints: Keypoints,
+        *,
+        options: Mapping[str, Any],
+        noise: Noise,
+    ) -> Assignment: ...
+
+
+class Assign(Protocol):
+    """As AssignFirst. features (n,): assigned before (stage associate), -1 for none."""
+
+    def __call__(
+        self,
+        model: Any,
+        target: Any,
+        T_sensor_target: np.ndarray,
+        keypoints: Keypoints,
+        *,
+        options: Mapping[str, Any],
+        noise: Noise,
+        features: np.ndarray | None = None,
+    ) -> Assignment: ...
+
+
+class ResidualKind(Protocol):
+    """A kind of measurement; implemented by a module.
+
+    UNIT: of the residuals, px, m or rad; MIN_SIGMA: resolution of the data, in UNIT, below which no
+    noise is estimated, None if σ is the step of a scan pattern, which noise can only exceed;
+    DATA_COLUMNS: names of the data of one measurement; the last, `weight`, is 1/σ or, for outliers,
+    0; USES_TEMPLATE_POINTS: whether features are points of a template, found as the nearest.
+    """
+
+    @property
+    def UNIT(self) -> str: ...
+
+    @property
+    def MIN_SIGMA(self) -> float | None: ...
+
+    @property
+    def DATA_COLUMNS(self) -> tuple[str, ...]: ...
+
+    @property
+    def USES_TEMPLATE_POINTS(self) -> bool: ...
+
+    @property
+    def assign(self) -> Assign:
+        """Assign keypoints at the current estimate."""
+
+    @property
+    def assign_first(self) -> AssignFirst:
+        """Assign keypoints at the initial guess, before anything is solved."""
+
+    def residual(self, model: Any, target: Any) -> ResidualExpression:
+        """Return the CasADi expression of the residual in units of σ."""
+
+
+RESIDUAL_KINDS: dict[str, ResidualKind] = {
     "cylinder_cap": cylinder_cap,
     "pattern_corner": pattern_corner,
     "board_outline": board_outline,
@@ -40,11 +108,6 @@ RESIDUAL_KINDS = {
 }
 
 
-def uses_template_points(kind):
-    """Whether a measurement's feature is the nearest of a template's points."""
-    return hasattr(RESIDUAL_KINDS[kind], "assign_first")
-
-
-def first_assignment(kind):
-    """The function that assigns measurements of a kind before anything was solved."""
-    return getattr(RESIDUAL_KINDS[kind], "assign_first", RESIDUAL_KINDS[kind].assign)
+def uses_template_points(kind: str) -> bool:
+    """Return whether features of a kind are the nearest points of a template."""
+    return RESIDUAL_KINDS[kind].USES_TEMPLATE_POINTS

@@ -1,35 +1,61 @@
-"""Lidar returns on the surface of a target, compared with its exact geometry."""
+"""Lidar returns on the surface of a target, compared with its exact geometry.
+
+Residual: the distance along the beam u = p/|p| from a return p to the surface,
+    r = gap(Rᵀ(p - t), Rᵀu),
+where gap is distance_along_beam of the shape, the same lines for arrays and expressions. It
+replaces the paper's nearest template point (equation 2). Along the beam, because the noise is
+there: a distance across the surface would shrink if the target turned away from the beam.
+"""
+
+from collections.abc import Mapping
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from calib.estimation.residuals.assignment import Assignment, number_repeat_groups
-from calib.estimation.residuals.robust_loss import taper_weight
+from calib.estimation.residuals.assignment import (
+    Assignment,
+    Keypoints,
+    Noise,
+    ResidualExpression,
+    number_repeat_groups,
+    taper_weight,
+)
+from calib.geometry.numpy_or_casadi import ArrayOrExpression
 from calib.geometry.se3 import invert_pose, transform_points
+from calib.sensors.lidar.lidar_model import LidarModel
+from calib.targets.board import Board
+from calib.targets.cylinder import Cylinder
 
 UNIT, MIN_SIGMA = "m", 1e-7
 DATA_COLUMNS = ("x", "y", "z", "weight")
-EDGE_TAPER_M, INCIDENCE_TAPER_COS = (
-    0.01,
-    0.1,
-)  # over which the weight of a return fades in from a limit
+USES_TEMPLATE_POINTS = False
+EDGE_TAPER_M = 0.01  # over which the weight of a return rises from the rim
+INCIDENCE_TAPER_COS = 0.1  # over which the weight of a return rises from grazing incidence
 
 
-def assign(lidar, target, T_sensor_target, keypoints, options, noise, features=None):
-    """Returns that lie on the target: over its surface, near it, and not at a grazing angle.
+def assign(
+    model: LidarModel,
+    target: Board | Cylinder,
+    T_sensor_target: np.ndarray,
+    keypoints: Keypoints,
+    *,
+    options: Mapping[str, Any],
+    noise: Noise,
+    features: np.ndarray | None = None,
+) -> Assignment:
+    """Assign returns over the surface of the target, near it and not at a grazing angle.
 
-    The residual is along the beam, where the noise is: a distance across the surface would shrink,
-    and with it the cost, when the target turns away, however true. Towards the rim and towards
-    grazing a return loses its weight, so that nothing jumps when it comes or goes there.
-    features (n,): 0, or -1 where a return was assigned to nothing before.
+    Towards the rim and towards grazing incidence a return loses its weight, so that the cost does
+    not jump when it comes or goes there. features: 0, or -1 for none.
     """
-    p = lidar.correct_ranges(keypoints["xyz"], keypoints["feature_index"])
+    p = model.correct_ranges(keypoints["xyz"], keypoints["feature_index"])
     ranges, q, beams = returns_in_target_frame(p, T_sensor_target)
     gap, cosine = target.distance_along_beam(q.T, beams.T)
     trust = taper_weight(cosine - options["min_cosine"], INCIDENCE_TAPER_COS)
-    # Where the beam meets the surface, which noise along the beam does not move.
-    met = q + gap[:, None] * beams
-    trust *= taper_weight(target.distance_inside_rim(met) - options["edge_margin_m"], EDGE_TAPER_M)
+    # Where the beam meets the surface: noise along the beam does not move this point.
+    hit = q + gap[:, None] * beams
+    trust *= taper_weight(target.distance_inside_rim(hit) - options["edge_margin_m"], EDGE_TAPER_M)
     return Assignment(
         candidate_feature=np.zeros(len(p), int) if features is None else features,
         geometric_weight=trust,
@@ -44,21 +70,28 @@ def assign(lidar, target, T_sensor_target, keypoints, options, noise, features=N
     )
 
 
-def returns_in_target_frame(p, T_sensor_target):
-    """Ranges (n,) of returns p (n, 3), and they and their unit beams (n, 3) in the target frame."""
-    ranges = np.linalg.norm(p, axis=1)
-    T_target_sensor = invert_pose(T_sensor_target)
-    beams = p @ T_target_sensor[:3, :3].T / np.maximum(ranges, 1e-9)[:, None]
-    return ranges, transform_points(T_target_sensor, p), beams
+assign_first = assign
 
 
-def residual(lidar, target):
-    """How far along the beam a return lies before the surface, over σ; (1)."""
+def residual(model: LidarModel, target: Board | Cylinder) -> ResidualExpression:
+    """Return the expression of the distance along the beam over σ; (1)."""
 
-    def of(R, t, d):
+    def weighted_gap(
+        R: ArrayOrExpression, t: ArrayOrExpression, d: ArrayOrExpression
+    ) -> ArrayOrExpression:
         gap, _ = target.distance_along_beam(
             R.T @ (d[:3] - t), R.T @ d[:3] / ca.sqrt(ca.dot(d[:3], d[:3]))
         )
         return gap * d[3]
 
-    return of
+    return weighted_gap
+
+
+def returns_in_target_frame(
+    p: np.ndarray, T_sensor_target: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the ranges (n,) of returns p (n, 3), and returns and beams (n, 3) in target frame."""
+    ranges = np.linalg.norm(p, axis=1)
+    T_target_sensor = invert_pose(T_sensor_target)
+    beams = p @ T_target_sensor[:3, :3].T / np.maximum(ranges, 1e-9)[:, None]
+    return ranges, transform_points(T_target_sensor, p), beams

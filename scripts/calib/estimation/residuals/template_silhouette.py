@@ -1,69 +1,130 @@
-"""Contour pixels against the nearest point of the template's silhouette; paper III-D."""
+"""Contour pixels against the nearest point of the template's silhouette; paper III-D.
+
+Residual: as of pattern_corner, of a template point on the rim of its own projection.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from calib.estimation.residuals import pattern_corner
-from calib.estimation.residuals.assignment import Assignment
+from calib.estimation.residuals.assignment import Assignment, Keypoints, Noise
 from calib.geometry.se3 import transform_points
+from calib.sensors.camera.camera_model import CameraModel
 
 UNIT, MIN_SIGMA = "px", 1e-2
 DATA_COLUMNS = pattern_corner.DATA_COLUMNS
-CELLS_PER_SPACING = 2  # cells per projected spacing of the template
+USES_TEMPLATE_POINTS = True
+CELLS_PER_SPACING = 2  # raster cells per projected spacing of the template
 MAX_RASTER_CELLS = 4000  # along the raster
-ISOTROPIC_WHITENING = (1.0, 0.0, 1.0)  # u and v are: the corner's whitening
+ISOTROPIC_WHITENING = (1.0, 0.0, 1.0)  # a, b, c of pattern_corner
+
+residual = pattern_corner.residual
 
 
-def assign(camera, target, T_sensor_target, keypoints, options, noise, features=None):
-    """Every contour pixel with the nearest point of the silhouette at the current pose.
+class NearestPoints(NamedTuple):
+    """Template points (n,) that pixels are assigned to, -1 for none, and the offsets (n, 2), px."""
 
-    features (n,): template point of each where it was assigned before, -1 for none.
+    features: np.ndarray
+    offset: np.ndarray
+
+
+def assign(
+    model: CameraModel,
+    target: Any,
+    T_sensor_target: np.ndarray,
+    keypoints: Keypoints,
+    *,
+    options: Mapping[str, Any],
+    noise: Noise,
+    features: np.ndarray | None = None,
+) -> Assignment:
+    """Assign every contour pixel to the nearest point of the silhouette at the current pose.
+
+    features: points of the template.
     """
     if features is None:
-        return _assign_silhouette(camera, target, T_sensor_target, keypoints, options, noise, 0.0)
-    predicted, _ = camera.project(transform_points(T_sensor_target, target.point_template.xyz))
-    offset = keypoints["uv"] - predicted[features]
-    return _make_assignment(target, T_sensor_target, keypoints, options, noise, features, offset)
-
-
-def assign_first(camera, target, T_sensor_target, keypoints, options, noise):
-    """As assign, with the centroids of both contours laid on each other."""
-    outline, uv = _project_silhouette(camera, target, T_sensor_target)
-    shift = uv.mean(0) - keypoints["uv"].mean(0) if len(outline) else 0.0
-    return _assign_silhouette(camera, target, T_sensor_target, keypoints, options, noise, shift)
-
-
-def _assign_silhouette(camera, target, T_sensor_target, keypoints, options, noise, shift):
-    outline, uv = _project_silhouette(camera, target, T_sensor_target)
-    n = len(keypoints["view"])
-    point, value = np.full(n, -1), np.zeros((n, 2))
-    if len(outline):
+        silhouette = _project_silhouette(model, target, T_sensor_target)
         reach = options["gate_sigma"] * noise.total * keypoints["sigma"]
-        distance, near = cKDTree(uv).query(keypoints["uv"] + shift)
-        value = keypoints["uv"] - uv[near]
-        point = np.where(distance < reach, outline[near], -1)
-    return _make_assignment(target, T_sensor_target, keypoints, options, noise, point, value)
+        nearest = _find_nearest(*silhouette, keypoints["uv"], reach=reach, shift=0.0)
+    else:
+        uv, _ = model.project(transform_points(T_sensor_target, target.point_template.xyz))
+        nearest = NearestPoints(features, keypoints["uv"] - uv[features])
+    points = target.point_template.xyz[nearest.features]
+    return _make_assignment(
+        points, T_sensor_target, keypoints, nearest=nearest, options=options, noise=noise
+    )
 
 
-def _make_assignment(target, T_sensor_target, keypoints, options, noise, point, value):
-    n = len(point)
-    at = target.point_template.xyz[point]
+def assign_first(
+    model: CameraModel,
+    target: Any,
+    T_sensor_target: np.ndarray,
+    keypoints: Keypoints,
+    *,
+    options: Mapping[str, Any],
+    noise: Noise,
+) -> Assignment:
+    """Assign as assign does, with the centroids of both contours laid on each other."""
+    rows, uv = _project_silhouette(model, target, T_sensor_target)
+    shift = uv.mean(0) - keypoints["uv"].mean(0) if len(rows) else 0.0
+    reach = options["gate_sigma"] * noise.total * keypoints["sigma"]
+    nearest = _find_nearest(rows, uv, keypoints["uv"], reach=reach, shift=shift)
+    points = target.point_template.xyz[nearest.features]
+    return _make_assignment(
+        points, T_sensor_target, keypoints, nearest=nearest, options=options, noise=noise
+    )
+
+
+def _find_nearest(
+    rows: np.ndarray,
+    uv: np.ndarray,
+    measured: np.ndarray,
+    *,
+    reach: np.ndarray,
+    shift: np.ndarray | float,
+) -> NearestPoints:
+    """Find the nearest of the pixels uv (m, 2) of template points rows (m,) to measured (n, 2).
+
+    reach (n,): px; shift (2,): added to the measured pixels for the search alone.
+    """
+    if not len(rows):
+        return NearestPoints(np.full(len(measured), -1), np.zeros((len(measured), 2)))
+    distance, near = cKDTree(uv).query(measured + shift)
+    return NearestPoints(np.where(distance < reach, rows[near], -1), measured - uv[near])
+
+
+def _make_assignment(
+    points: np.ndarray,
+    T_sensor_target: np.ndarray,
+    keypoints: Keypoints,
+    *,
+    nearest: NearestPoints,
+    options: Mapping[str, Any],
+    noise: Noise,
+) -> Assignment:
+    """Return the Assignment of pixels to template points (n, 3), target frame."""
+    n = len(points)
     return Assignment(
-        candidate_feature=point,
+        candidate_feature=nearest.features,
         geometric_weight=np.ones(n),
         repeat_group=np.arange(n),
         keypoint_sigma=keypoints["sigma"],
-        residual=value,
-        range=np.linalg.norm(transform_points(T_sensor_target, at), axis=1),
+        residual=nearest.offset,
+        range=np.linalg.norm(transform_points(T_sensor_target, points), axis=1),
         cos_incidence=np.zeros(n),
-        data=np.column_stack([keypoints["uv"], at, np.tile(ISOTROPIC_WHITENING, (n, 1))]),
+        data=np.column_stack([keypoints["uv"], points, np.tile(ISOTROPIC_WHITENING, (n, 1))]),
         noise=noise,
         gate_sigma=options["gate_sigma"],
     )
 
 
-def _project_silhouette(camera, target, T_sensor_target):
-    """Indices (m,) of the template points on the rim of their own projection, and pixels (m, 2)."""
+def _project_silhouette(
+    camera: CameraModel, target: Any, T_sensor_target: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the template points (m,) on the rim of their own projection, and pixels (m, 2)."""
     uv, valid = camera.project(transform_points(T_sensor_target, target.point_template.xyz))
     rows = np.flatnonzero(valid & camera.is_in_image(uv))
     if len(rows) < 3:
@@ -74,13 +135,13 @@ def _project_silhouette(camera, target, T_sensor_target):
     return rows[index], uv[rows][index]
 
 
-def find_rim_points(uv, spacing):
-    """Indices of the points (n, 2) on the outer rim of the area that they cover, spacing px apart.
+def find_rim_points(uv: np.ndarray, spacing: float) -> np.ndarray:
+    """Return the indices (m,) of the points uv (n, 2) on the outer rim of the area they cover.
 
-    The points are drawn as discs of four spacings; the rim of what those cover lies one radius
-    outside that of the points, and the point nearest to each cell of it is taken.
+    The points, about `spacing` px apart, are drawn as discs of four spacings. The rim of these
+    discs lies one radius outside that of the points: the point nearest to each cell of it is taken.
     """
-    import cv2  # 0.2 s, which only jobs that draw should pay
+    import cv2  # takes 0.2 s to load
 
     cell = max(spacing / CELLS_PER_SPACING, np.ptp(uv, axis=0).max() / MAX_RASTER_CELLS)
     radius = int(np.ceil(4 * spacing / cell)) + 1
@@ -93,6 +154,3 @@ def find_rim_points(uv, spacing):
     contours, _ = cv2.findContours(covered, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     outer = max(contours, key=len)[:, 0].astype(float)
     return np.unique(cKDTree(at).query(outer)[1])
-
-
-residual = pattern_corner.residual

@@ -245,7 +245,7 @@ def test_the_labelling_of_a_partial_grid_finds_every_corner(board):
     T = posed(CAMERAS["pinhole"], 2.1, LEANS_DEG[0])
     options, noise = {"gate_sigma": 6.0}, Noise(1.0, 0.0)
     found = RESIDUAL_KINDS["pattern_corner"].assign(
-        CAMERAS["pinhole"], BOARD, T, keypoints, options, noise
+        CAMERAS["pinhole"], BOARD, T, keypoints, options=options, noise=noise
     )
     _, which = numbered(corners.uv, truth)
     assert np.array_equal(found.feature, which)
