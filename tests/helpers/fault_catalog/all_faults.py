@@ -10,7 +10,7 @@ import yaml
 
 from calib.io.parquet_tables import read_table
 from calib.io.table_schemas import CAMERA_VIEWS_SCHEMA, KEYPOINTS_SCHEMA, LIDAR_VIEWS_SCHEMA
-from calib.report.sections.recording_audit import list_log_notes
+from calib.report.sections.recordings import list_log_notes
 from helpers.fault_catalog.camera_faults import CAMERA_FAULTS
 from helpers.fault_catalog.file_faults import FILE_FAULTS
 from helpers.fault_catalog.lidar_faults import LIDAR_FAULTS

@@ -7,8 +7,8 @@ from calib.geometry.se3 import pose_from_rpy
 from calib.io.config import validate_and_complete
 from calib.io.pose_block import pose_json
 from calib.report.sections import verdict_summary
-from calib.report.sections.residual_tables import KIND_DESCRIPTIONS, printed_unit
-from calib.report.sections.verdict_summary import list_limit_checks
+from calib.report.sections.residuals import KIND_DESCRIPTIONS, printed_unit
+from calib.report.sections.verdict import list_limit_checks
 from calib.verdict.findings import level_by_limits
 from calib.verdict.rig_verdict import sensor_findings, sigma_findings
 from helpers.report_inputs import (

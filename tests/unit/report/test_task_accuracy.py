@@ -13,9 +13,9 @@ from calib.report.figures.scene_3d_data import collect_scene_sensors, scene_3d_j
 from calib.report.overlays.lidar_on_image import draw_lidar_on_images
 from calib.report.sections.diagnostics import tabulate_diagnostics
 from calib.report.sections.extrinsics import list_sensor_pairs
-from calib.report.sections.principal_directions import tabulate_observability
+from calib.report.sections.observability import tabulate_observability
 from calib.report.sections.residual_splits import tabulate_residual_splits
-from calib.report.sections.task_accuracy import (
+from calib.report.sections.pairs import (
     TASK_RANGES_M,
     point_uncertainty_m,
     projection_uncertainty_px,

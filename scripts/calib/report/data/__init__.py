@@ -1,1 +1,1 @@
-"""The inputs of the report: load_run reads the files, run_data holds them."""
+"""Inputs of the report: run_loader reads the files, run_data holds them."""

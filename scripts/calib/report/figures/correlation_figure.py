@@ -1,7 +1,8 @@
-"""How the errors of all poses hang together."""
+"""Correlation of the errors of all poses."""
 
 import numpy as np
 
+from calib.report.data.run_data import ReportRun
 from calib.report.figures import svg_plots
 from calib.report.figures.captions import CORRELATION_MATRIX
 from calib.report.figures.svg_plots import (
@@ -9,40 +10,46 @@ from calib.report.figures.svg_plots import (
     MARGIN_RIGHT_IN,
     MARGIN_TOP_IN,
     MUTED_COLOR,
+    Drawing,
     create_figure,
 )
 
 POSE_ERROR_LABELS = ("tx", "ty", "tz", "rx", "ry", "rz")
-CORRELATION_WIDTH_IN, CORRELATION_LEFT_IN = 4.8, 1.0  # inch
-MAX_LABELLED_SENSORS = 4  # sensors, up to which every number has its name
+CORRELATION_WIDTH_IN, CORRELATION_LEFT_IN = 4.8, 1.0
+MAX_LABELLED_SENSORS = 4  # with more sensors, single numbers have no labels
 
 
-def draw_correlation_matrix(run):
-    """The Drawing of the correlations of all numbers of all poses; None without a pose."""
+def draw_correlation_matrix(run: ReportRun) -> Drawing | None:
+    """Draw the correlations of all numbers of all poses; None without a pose."""
     joint = run.calibration["joint_covariance"]
     if not joint:
         return None
-    P, names = np.array(joint["matrix"]), joint["order"]
-    sigma = np.sqrt(np.diag(P))
+    covariance, names = np.array(joint["matrix"]), joint["order"]
+    n, sigma = len(covariance), np.sqrt(np.diag(covariance))
     if not (sigma > 0).all():
         return None
     side = CORRELATION_WIDTH_IN - CORRELATION_LEFT_IN - MARGIN_RIGHT_IN
     fig, ax = create_figure(
         CORRELATION_WIDTH_IN, MARGIN_BOTTOM_IN + MARGIN_TOP_IN + side, CORRELATION_LEFT_IN
     )
-    edges, shown = np.arange(len(P) + 1) - 0.5, P / np.outer(sigma, sigma)
-    ax.pcolormesh(edges, edges, shown, cmap="RdBu_r", vmin=-1, vmax=1, rasterized=True)
-    for k in range(6, len(P), 6):
+    edges, correlation = np.arange(n + 1) - 0.5, covariance / np.outer(sigma, sigma)
+    ax.pcolormesh(edges, edges, correlation, cmap="RdBu_r", vmin=-1, vmax=1, rasterized=True)
+    for k in range(6, n, 6):
         ax.axhline(k - 0.5, color=MUTED_COLOR, lw=0.8)
         ax.axvline(k - 0.5, color=MUTED_COLOR, lw=0.8)
     middle = 6 * np.arange(len(names)) + 2.5
     ax.yaxis.set_ticks(middle, names)
     if len(names) <= MAX_LABELLED_SENSORS:
-        ax.xaxis.set_ticks(range(len(P)), POSE_ERROR_LABELS * len(names))
+        ax.xaxis.set_ticks(range(n), POSE_ERROR_LABELS * len(names))
         ax.tick_params(axis="x", labelsize=6, labelrotation=90)
     else:
         ax.xaxis.set_ticks(middle, names)
     ax.grid(visible=False)
-    ax.set(ylim=(len(P) - 0.5, -0.5), aspect="equal", title="correlation of the poses")
-    label = "Correlations of all numbers of all poses"
-    return svg_plots.finish_drawing(fig, "correlation", label, CORRELATION_MATRIX, column_span=2)
+    ax.set(ylim=(n - 0.5, -0.5), aspect="equal", title="correlation of the poses")
+    return svg_plots.finish_drawing(
+        fig,
+        "correlation",
+        label="Correlations of all numbers of all poses",
+        caption=CORRELATION_MATRIX,
+        column_span=2,
+    )

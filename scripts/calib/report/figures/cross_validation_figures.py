@@ -1,61 +1,87 @@
-"""Plots of σ against the number of placements, and of what single placements do."""
+"""σ against the number of placements, and the influence of single placements."""
+
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from calib.geometry.units import DEG_PER_RAD, MM_PER_M
+from calib.report.data.run_data import ReportRun
 from calib.report.figures import svg_plots
 from calib.report.figures.captions import PLACEMENT_INFLUENCE, SIGMA_BY_PLACEMENTS
-from calib.report.figures.svg_plots import BLUE, COLOR_CYCLE, MUTED_COLOR, ORANGE, create_figure
+from calib.report.figures.svg_plots import (
+    BLUE,
+    MUTED_COLOR,
+    ORANGE,
+    Drawing,
+    create_figure,
+    cycle_colors,
+)
 from calib.report.sections.cross_validation import list_placement_influences
 
+MAX_TICKS = 12
 
-def draw_sigma_by_placements(run):
-    """σ of every sensor's pose with the first so many of its placements; None without any."""
-    found = {
-        n: s["sigma_by_placements"] for n, s in run.sensors.items() if s["sigma_by_placements"]
+
+def draw_sigma_by_placements(run: ReportRun) -> Drawing | None:
+    """Draw the largest σ of each pose against the number of placements; None without any."""
+    blocks = {
+        name: sensor["sigma_by_placements"]
+        for name, sensor in run.sensors.items()
+        if sensor["sigma_by_placements"] and len(sensor["sigma_by_placements"]["placements"]) > 1
     }
-    found = {n: p for n, p in found.items() if len(p["placements"]) > 1}
-    if not found:
+    if not blocks:
         return None
-    fig, axes = svg_plots.create_panels((1, 1), height=2.6)
+    fig, (position, rotation) = svg_plots.create_panels((1, 1), height=2.6)
     limits = run.verdict["limits"]
-    for ax, key, scale, unit in zip(
-        axes, ("m", "rad"), (MM_PER_M, DEG_PER_RAD), ("mm", "°"), strict=True
-    ):
-        largest = 0.0
-        for (name, p), colour in zip(found.items(), COLOR_CYCLE * 9, strict=False):
-            y = [np.nan if v is None else v * scale for v in p[f"sigma_{key}"]]
-            largest = np.nanmax([largest, *y])
-            ax.plot(p["placements"], y, "o-", ms=3.5, lw=1.2, color=colour, label=name)
-        limit = limits["warn_sigma_m"] * MM_PER_M if key == "m" else limits["warn_sigma_deg"]
-        if limit < 5 * largest:
-            ax.axhline(limit, color=MUTED_COLOR, lw=0.8, ls="--", label="warn above")
-        ax.set(xlabel="placements", ylabel=f"σ, {unit}", ylim=(0, None))
-        ax.set_title("largest σ of the " + ("position" if key == "m" else "rotation"))
-    axes[0].legend(loc="upper right")
-    label = "Sigma of every sensor against the number of placements"
+    _plot_sigma_curves(position, blocks, "sigma_m", MM_PER_M, limits["warn_sigma_m"] * MM_PER_M)
+    position.set(ylabel="σ, mm", title="largest σ of the position")
+    _plot_sigma_curves(rotation, blocks, "sigma_rad", DEG_PER_RAD, limits["warn_sigma_deg"])
+    rotation.set(ylabel="σ, °", title="largest σ of the rotation")
+    position.legend(loc="upper right")
     return svg_plots.finish_drawing(
-        fig, "sigma-by-count", label, SIGMA_BY_PLACEMENTS, column_span=0
+        fig,
+        "sigma-by-count",
+        label="Sigma of each sensor against the number of placements",
+        caption=SIGMA_BY_PLACEMENTS,
+        column_span=0,
     )
 
 
-def draw_placement_influence(run, sensor):
-    """What every placement left out does to one sensor's pose, and how unlike the others it is."""
+def _plot_sigma_curves(
+    ax: Axes, blocks: dict[str, dict[str, Any]], key: str, scale: float, limit: float
+) -> None:
+    """Plot one curve per sensor, and the warn limit in the same unit if it is near."""
+    largest = 0.0
+    for (name, block), color in zip(blocks.items(), cycle_colors(), strict=False):
+        sigma = [np.nan if v is None else v * scale for v in block[key]]
+        largest = np.nanmax([largest, *sigma])
+        ax.plot(block["placements"], sigma, "o-", ms=3.5, lw=1.2, color=color, label=name)
+    if limit < 5 * largest:
+        ax.axhline(limit, color=MUTED_COLOR, lw=0.8, ls="--", label="warn above")
+    ax.set(xlabel="placements", ylim=(0, None))
+
+
+def draw_placement_influence(run: ReportRun, sensor: str) -> Drawing | None:
+    """Draw the shift of a pose without each placement, and its leave-one-out error; None of one."""
     rows = list_placement_influences(run, sensor)
     if len(rows) < 2:
         return None
     fig, ax = create_figure()
     x = np.arange(len(rows))
-    moved = np.array([np.nan if r[3] is None else r[3] for r in rows])
-    unlike = np.sqrt([np.nan if r[4] is None else r[4] for r in rows])
-    ax.bar(x, moved, color=BLUE, alpha=0.75, width=0.7, label="moves the pose, σ")
-    ax.plot(x, unlike, "o", ms=4, color=ORANGE, label="unlike the others, σ")
+    shift = np.array([np.nan if r.influence is None else r.influence for r in rows])
+    error = np.sqrt([np.nan if r.nees_per_direction is None else r.nees_per_direction for r in rows])
+    ax.bar(x, shift, color=BLUE, alpha=0.75, width=0.7, label="shift of the pose, σ")
+    ax.plot(x, error, "o", ms=4, color=ORANGE, label="error, σ")
     ax.axhline(1, color=MUTED_COLOR, lw=0.8, ls="--")
-    step = -(-len(rows) // 12)
-    ax.xaxis.set_ticks(x[::step], [str(r[2]) for r in rows[::step]])
-    top = max(2.0, *np.nan_to_num(moved), *np.nan_to_num(unlike))
+    step = -(-len(rows) // MAX_TICKS)
+    ax.xaxis.set_ticks(x[::step], [str(r.placement) for r in rows[::step]])
+    top = max(2.0, *np.nan_to_num(shift), *np.nan_to_num(error))
     ax.set(xlabel="placement left out", ylabel="in σ", ylim=(0, top * 1.3))
-    ax.set_title(f"{sensor}: placements left out")
+    ax.set_title(f"{sensor}: leave-one-out")
     ax.legend(loc="upper right", ncols=2)
-    label = f"Placements of {sensor} left out"
-    return svg_plots.finish_drawing(fig, f"influence-{sensor}", label, PLACEMENT_INFLUENCE)
+    return svg_plots.finish_drawing(
+        fig,
+        f"influence-{sensor}",
+        label=f"Leave-one-out of the placements of {sensor}",
+        caption=PLACEMENT_INFLUENCE,
+    )

@@ -1,39 +1,50 @@
-"""When every sensor's messages came: intervals between stamps, and how late the log took them."""
+"""Timing of the messages of all sensors: intervals between stamps, and delay of the log time."""
 
 import numpy as np
 
 from calib.geometry.units import MS_PER_S, NS_PER_S
+from calib.report.data.run_data import ReportRun
 from calib.report.figures import svg_plots
 from calib.report.figures.captions import MESSAGE_TIMING
-from calib.report.figures.svg_plots import COLOR_CYCLE
-from calib.report.sections.recording_audit import select_sensor_stamps
+from calib.report.figures.svg_plots import Drawing, cycle_colors
+from calib.report.sections.recordings import select_sensor_stamps
 
-MAX_POINTS = 1500  # of a sensor
+MAX_POINTS = 1500  # per sensor
 
 
-def draw_message_timing(run, session):
-    """The Drawing of one session; None where no sensor sent two messages."""
-    found = {n: select_sensor_stamps(run, session, n) for n in run.sessions[session].streams}
-    found = {n: (t, log_t) for n, (t, log_t) in found.items() if len(t) > 1}
-    if not found:
+def draw_message_timing(run: ReportRun, session: str) -> Drawing | None:
+    """Draw the timing of one session; None if no sensor has two messages."""
+    frames = run.sessions[session].frames
+    times = {n: select_sensor_stamps(frames, n) for n in run.sessions[session].streams}
+    times = {n: stamps for n, stamps in times.items() if len(stamps[0]) > 1}
+    if not times:
         return None
-    zero = min(log_t.min() for _, log_t in found.values())
+    start_ns = min(log_times_ns.min() for _, log_times_ns in times.values())
     fig, (intervals, delays) = svg_plots.create_panels((1, 1), height=2.2)
-    for (name, (t, log_t)), colour in zip(found.items(), COLOR_CYCLE * 9, strict=False):
-        step = np.diff(t)
-        x = (log_t - zero) / NS_PER_S
-        every = len(t) // MAX_POINTS + 1
-        style = dict(ms=2.4, mew=0, color=colour, alpha=0.8, rasterized=True)
-        intervals.plot(x[1::every], step[::every] / max(np.median(step), 1), ".", **style)
-        delays.plot(
-            x[::every], ((log_t - t) / NS_PER_S * MS_PER_S)[::every], ".", label=name, **style
-        )
+    all_delays_ms = []
+    for (name, (stamps_ns, log_times_ns)), color in zip(
+        times.items(), cycle_colors(), strict=False
+    ):
+        step_ns = np.diff(stamps_ns)
+        x = (log_times_ns - start_ns) / NS_PER_S
+        delay_ms = (log_times_ns - stamps_ns) / NS_PER_S * MS_PER_S
+        all_delays_ms.append(delay_ms)
+        every = len(stamps_ns) // MAX_POINTS + 1
+        style = {"ms": 2.4, "mew": 0, "color": color, "alpha": 0.8, "rasterized": True}
+        relative = step_ns[::every] / max(np.median(step_ns), 1)
+        intervals.plot(x[1::every], relative, ".", **style)
+        delays.plot(x[::every], delay_ms[::every], ".", label=name, **style)
     intervals.set(xlabel="time, s", ylabel="over the median", ylim=(0, None))
     intervals.set_title("interval between stamps")
     delays.set(xlabel="time, s", ylabel="ms", title="log time after the stamp")
-    late = np.concatenate([(log_t - t) / NS_PER_S * MS_PER_S for t, log_t in found.values()])
-    room = np.ptp(late) + 0.1 * np.abs(late).max()
-    delays.set_ylim(late.min() - 0.1 * room, late.max() + 0.4 * room)
-    delays.legend(loc="upper right", ncols=min(len(found), 3), markerscale=2.5)
-    label = f"Intervals and delays of the messages of session {session}"
-    return svg_plots.finish_drawing(fig, f"intake-{session}", label, MESSAGE_TIMING, column_span=0)
+    delay_ms = np.concatenate(all_delays_ms)
+    span = np.ptp(delay_ms) + 0.1 * np.abs(delay_ms).max()
+    delays.set_ylim(delay_ms.min() - 0.1 * span, delay_ms.max() + 0.4 * span)
+    delays.legend(loc="upper right", ncols=min(len(times), 3), markerscale=2.5)
+    return svg_plots.finish_drawing(
+        fig,
+        f"timing-{session}",
+        label=f"Intervals and delays of the messages of session {session}",
+        caption=MESSAGE_TIMING,
+        column_span=0,
+    )

@@ -1,43 +1,41 @@
-"""Figures as inline SVG that follows the page's light or dark colours, as files, and for paper."""
+"""Figures as inline SVG in the light or dark colours of the page, as files, and for paper."""
 
 import io
+import itertools
 import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 
-FIGURE_WIDTH_IN, FIGURE_HEIGHT_IN, PAGE_WIDTH_IN = (
-    3.6,
-    2.5,
-    8.5,
-)  # inch: a phone's width at a readable size; the page's
-MARGIN_LEFT_IN, MARGIN_RIGHT_IN, MARGIN_BOTTOM_IN, MARGIN_TOP_IN = (
-    0.62,
-    0.12,
-    0.46,
-    0.26,
-)  # inch, for tick labels, axis labels and title
-SCREEN_DPI = 130  # of what is drawn as pixels in an SVG
+FIGURE_WIDTH_IN, FIGURE_HEIGHT_IN = 3.6, 2.5  # width of a phone at a readable font size
+PAGE_WIDTH_IN = 8.5
+# Space for tick labels, axis labels and title.
+MARGIN_LEFT_IN, MARGIN_RIGHT_IN, MARGIN_BOTTOM_IN, MARGIN_TOP_IN = 0.62, 0.12, 0.46, 0.26
+SCREEN_DPI = 130  # of the parts of an SVG that are drawn as pixels
 PAPER_DPI = 180
-MAX_SPARSE_CHARS = 90_000  # characters of an SVG, up to which paper shows it
-# Full colour resolution, or thin lines of colour smear.
-JPEG_OPTIONS = [cv2.IMWRITE_JPEG_QUALITY, 82, cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
-        cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]  # fmt: skip
-LABEL_DISTANCES_IN = 0.44, 0.23  # inch from the axes to the labels of y and x
-# The light page's own colours, so that paper needs no others; to_svg makes them follow the page.
+MAX_SPARSE_CHARS = 90_000  # length of an SVG up to which the PDF contains it
+# Full colour resolution: otherwise thin coloured lines blur.
+JPEG_OPTIONS = [
+    cv2.IMWRITE_JPEG_QUALITY, 82,
+    cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+]  # fmt: skip
+Y_LABEL_DISTANCE_IN, X_LABEL_DISTANCE_IN = 0.44, 0.23  # from the axes
+# Colours of the light page, which paper uses; encode_figure_svg lets them follow the page.
 INK_COLOR, MUTED_COLOR, GRID_COLOR = "#1d2126", "#667080", "#e4e7eb"
 THEME_VARIABLES = {INK_COLOR: "var(--ink)", MUTED_COLOR: "var(--muted)", GRID_COLOR: "var(--grid)"}
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY = (
     "#3f83e8", "#d9820f", "#1f9d63", "#d9483b", "#a05be0", "#8a93a0",
 )  # fmt: skip
 COLOR_CYCLE = (BLUE, ORANGE, GREEN, PURPLE, RED, GREY)
-# As in the paper's figures: the first guess, the result.
+# As in the figures of the paper.
 GUESS_COLOR, RESULT_COLOR = RED, GREEN
 SVG_NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 SVG_FONT_FAMILY = "Liberation Sans, Arial, DejaVu Sans, sans-serif"
@@ -76,11 +74,10 @@ MATPLOTLIB_STYLE = {
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure with its caption: an <svg> element, and the JPEG that paper shows in its stead where
-    there is much in it.
+    """A figure with its caption.
 
-    caption says what is seen, reading what good looks like; span: how many of the page's columns
-    it takes, 0 for all of them. A photograph or a sparse plot has no JPEG: paper shows its <svg>.
+    svg: an <svg> element; paper_jpeg: the figure for paper if the SVG is too large, else None;
+    column_span: columns of the page that it takes, 0 for all.
     """
 
     svg: str
@@ -90,72 +87,85 @@ class Drawing:
     column_span: int = 1
 
 
-def compute_figure_height(aspect, width=FIGURE_WIDTH_IN):
-    """Height, inch, of a figure whose axes are `share` as high as wide."""
+def cycle_colors() -> Iterator[str]:
+    """Yield the colours of lines, again and again."""
+    return itertools.cycle(COLOR_CYCLE)
+
+
+def compute_figure_height(aspect: float, width: float = FIGURE_WIDTH_IN) -> float:
+    """Return the height, inch, of a figure whose axes have a ratio of height to width."""
     return MARGIN_BOTTOM_IN + MARGIN_TOP_IN + aspect * (width - MARGIN_LEFT_IN - MARGIN_RIGHT_IN)
 
 
-def create_figure(width=FIGURE_WIDTH_IN, height=FIGURE_HEIGHT_IN, left=MARGIN_LEFT_IN):
-    """An empty figure of the report's style and its axes; left: room for its tick labels, inch."""
+def create_figure(
+    width: float = FIGURE_WIDTH_IN, height: float = FIGURE_HEIGHT_IN, left: float = MARGIN_LEFT_IN
+) -> tuple[Figure, Axes]:
+    """Create an empty figure and its axes; left: space for tick labels, inch."""
     fig, axes = create_panels((1,), width, height, left)
     return fig, axes[0]
 
 
-def apply_report_style():
-    """Matplotlib's defaults but for STYLE, whatever its user prefers; slow, so only if needed."""
+def apply_report_style() -> None:
+    """Set the style of Matplotlib to MATPLOTLIB_STYLE alone. It is slow, so only if needed."""
     if any(matplotlib.rcParams[k] != v for k, v in MATPLOTLIB_STYLE.items()):
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(MATPLOTLIB_STYLE)
 
 
 def create_panels(
-    shares, width=PAGE_WIDTH_IN, height=FIGURE_HEIGHT_IN, left=MARGIN_LEFT_IN, gap=MARGIN_LEFT_IN
-):
-    """An empty figure and axes side by side, their widths in proportion to shares; inches."""
+    shares: Sequence[float],
+    width: float = PAGE_WIDTH_IN,
+    height: float = FIGURE_HEIGHT_IN,
+    left: float = MARGIN_LEFT_IN,
+) -> tuple[Figure, list[Axes]]:
+    """Create an empty figure and axes side by side, whose widths have the ratio of shares; inch."""
     apply_report_style()
     fig = Figure((width, height), dpi=SCREEN_DPI)
-    room = width - left - MARGIN_RIGHT_IN - gap * (len(shares) - 1)
-    axes, at = [], left
+    free_width = width - left - MARGIN_RIGHT_IN - MARGIN_LEFT_IN * (len(shares) - 1)
+    axes_height = (height - MARGIN_BOTTOM_IN - MARGIN_TOP_IN) / height
+    axes, start = [], left
     for share in shares:
-        inside = room * share / sum(shares)
-        box = (
-            at / width,
-            MARGIN_BOTTOM_IN / height,
-            inside / width,
-            (height - MARGIN_BOTTOM_IN - MARGIN_TOP_IN) / height,
+        axes_width = free_width * share / sum(shares)
+        ax = fig.add_axes(
+            (start / width, MARGIN_BOTTOM_IN / height, axes_width / width, axes_height)
         )
-        axes.append(fig.add_axes(box))
-        axes[-1].locator_params(nbins=5 if inside > FIGURE_WIDTH_IN / 2 else 4)
-        _place_labels(fig, axes[-1])
-        at += inside + gap
+        ax.locator_params(nbins=5 if axes_width > FIGURE_WIDTH_IN / 2 else 4)
+        _place_labels(fig, ax)
+        axes.append(ax)
+        start += axes_width + MARGIN_LEFT_IN
     return fig, axes
 
 
-def _place_labels(fig, ax):
-    """Labels at a fixed distance: to find room beside the ticks takes a quarter of the drawing."""
-    left, below = (-LABEL_DISTANCES_IN[0], 0), (0, -LABEL_DISTANCES_IN[1])
-    offset = [ax.transAxes + ScaledTranslation(*o, fig.dpi_scale_trans) for o in (left, below)]
-    ax.yaxis.set_label_coords(0, 0.5, transform=offset[0])
-    ax.xaxis.set_label_coords(0.5, 0, transform=offset[1])
+def _place_labels(fig: Figure, ax: Axes) -> None:
+    """Put labels at a fixed distance: their search beside ticks takes a quarter of the drawing."""
+    y_offset = ScaledTranslation(-Y_LABEL_DISTANCE_IN, 0, fig.dpi_scale_trans)
+    x_offset = ScaledTranslation(0, -X_LABEL_DISTANCE_IN, fig.dpi_scale_trans)
+    ax.yaxis.set_label_coords(0, 0.5, transform=ax.transAxes + y_offset)
+    ax.xaxis.set_label_coords(0.5, 0, transform=ax.transAxes + x_offset)
 
 
-def finish_drawing(fig, name, label, caption, column_span=1):
-    """The Drawing of a figure; what its caption says from "Good:" on is its reading."""
-    seen, good, reading = caption.partition("Good:")
+def finish_drawing(
+    fig: Figure, name: str, *, label: str, caption: str, column_span: int = 1
+) -> Drawing:
+    """Encode a figure.
+
+    name: unique on the page; label: read aloud; caption: from "Good:" on it becomes how_to_read.
+    """
+    description, good, how_to_read = caption.partition("Good:")
     svg = encode_figure_svg(fig, name, label)
-    raster = None if is_sparse_svg(svg) else encode_figure_jpeg(fig)
-    return Drawing(svg, raster, seen.strip(), (good + reading).strip(), column_span)
+    jpeg = None if is_sparse_svg(svg) else encode_figure_jpeg(fig)
+    return Drawing(svg, jpeg, description.strip(), (good + how_to_read).strip(), column_span)
 
 
-def is_sparse_svg(svg):
-    """Whether so little is in an <svg> that paper takes it as it is, with sharp lines and text."""
+def is_sparse_svg(svg: str) -> bool:
+    """Return whether an <svg> is so small that the PDF contains it, with sharp lines and text."""
     return len(svg) < MAX_SPARSE_CHARS and "<image" not in svg
 
 
-def encode_figure_jpeg(fig):
-    """The figure on white, as JPEG bytes, which a PDF takes as they are; PNG is packed anew.
+def encode_figure_jpeg(fig: Figure) -> bytes:
+    """Encode the figure on white as JPEG, which a PDF contains unchanged; PNG is packed again.
 
-    On paper a full SVG would take longer than this: every element of it is laid out.
+    A full SVG would take longer in the PDF: each of its elements is laid out.
     """
     fig.patch.set_facecolor("white")
     fig.set_dpi(PAPER_DPI)
@@ -165,11 +175,11 @@ def encode_figure_jpeg(fig):
     return cv2.imencode(".jpg", bgr, JPEG_OPTIONS)[1].tobytes()
 
 
-def encode_figure_svg(fig, name, label):
-    """The figure as an <svg> element; name keeps its ids its own, label is what is read aloud."""
+def encode_figure_svg(fig: Figure, name: str, label: str) -> str:
+    """Encode the figure as an <svg> element; name makes its ids unique, label is read aloud."""
     buffer = io.StringIO()
     matplotlib.rcParams["svg.hashsalt"] = name
-    # Straight to the canvas: savefig would draw everything twice.
+    # Directly to the canvas: savefig would draw everything twice.
     FigureCanvasSVG(fig).print_svg(buffer, metadata={"Date": None})
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :]
@@ -177,50 +187,54 @@ def encode_figure_svg(fig, name, label):
     svg = _remove_empty_groups(re.sub(r'<g id="[^"]*"', "<g", svg))
     svg = svg.replace("xlink:href", "href")
     svg = re.sub(r" font-family: [^;\"]*;| transform=\"rotate\(-0 [^\"]*\"|\n", "", svg)
-    for light, colour in THEME_VARIABLES.items():
-        svg = svg.replace(light, colour)
-    box = re.search(r'viewBox="[^"]*"', svg)[0]
-    opening = f'<svg class="plot" role="img" aria-label="{label}" {box}>'
+    for light_color, variable in THEME_VARIABLES.items():
+        svg = svg.replace(light_color, variable)
+    view_box = re.findall(r'viewBox="[^"]*"', svg)[0]
+    opening = f'<svg class="plot" role="img" aria-label="{label}" {view_box}>'
     return re.sub(r"<svg.*?>", lambda _: opening, svg, count=1, flags=re.S)
 
 
-def _remove_empty_groups(svg):
-    """The SVG without groups that say nothing, which are half of its elements."""
-    kept, parts = [], []
+def _remove_empty_groups(svg: str) -> str:
+    """Remove <g> elements without attributes, which are half of all elements, but not their content."""
+    has_attributes: list[bool] = []  # of the open groups
+    parts = []
     svg = re.sub(r"<g\b[^>]*/>", "", svg)
     for part in re.split(r"(<g\b[^>]*>|</g>)", svg):
         if part.startswith("<g"):
-            kept.append(part != "<g>")
-        said = kept.pop() if part == "</g>" else part != "<g>"
-        parts.append(part.strip() if said else "")
+            has_attributes.append(part != "<g>")
+        is_kept = has_attributes.pop() if part == "</g>" else part != "<g>"
+        parts.append(part.strip() if is_kept else "")
     return "".join(parts)
 
 
-def make_standalone_svg(svg):
-    """An <svg> element that needs no page around it, in the light page's colours."""
-    for light, colour in THEME_VARIABLES.items():
-        svg = svg.replace(colour, light)
+def make_standalone_svg(svg: str) -> str:
+    """Return an <svg> element that needs no page around it, in the colours of the light page."""
+    for light_color, variable in THEME_VARIABLES.items():
+        svg = svg.replace(variable, light_color)
     return svg.replace("<svg ", f'<svg {SVG_NAMESPACES} font-family="{SVG_FONT_FAMILY}" ', 1)
 
 
-def encode_for_paper(drawing):
-    """(media type, bytes) of a Drawing."""
+def encode_for_paper(drawing: Drawing) -> tuple[str, bytes]:
+    """Return the media type and the bytes of a drawing for the PDF."""
     if drawing.paper_jpeg is None:
         return "image/svg+xml", make_standalone_svg(drawing.svg).encode()
     return "image/jpeg", drawing.paper_jpeg
 
 
-def tile_drawings(drawings, n_columns):
-    """An SVG file, as text, of several Drawings in rows of so many columns."""
-    boxes = [re.search(r'viewBox="[\d.]+ [\d.]+ ([\d.]+) ([\d.]+)"', d.svg) for d in drawings]
-    sizes = np.reshape([[float(b[1]), float(b[2])] for b in boxes], (-1, 2))
-    parts, top, widest = [], 0.0, 1.0
+def tile_drawings(drawings: Sequence[Drawing], n_columns: int) -> str:
+    """Return an SVG file, as text, of drawings in rows of n_columns."""
+    number = r"([\d.]+)"
+    boxes = [
+        re.findall(rf'viewBox="[\d.]+ [\d.]+ {number} {number}"', d.svg)[0] for d in drawings
+    ]
+    sizes = np.reshape([[float(w), float(h)] for w, h in boxes], (-1, 2))
+    parts, top, total_width = [], 0.0, 1.0
     for i in range(0, len(drawings), n_columns):
         row = sizes[i : i + n_columns]
         left = np.cumsum(row[:, 0]) - row[:, 0]
         for k, (w, h) in enumerate(row):
-            place = f'x="{left[k]:g}" y="{top:g}" width="{w:g}" height="{h:g}"'
-            parts.append(drawings[i + k].svg.replace("<svg ", f"<svg {place} ", 1))
-        top, widest = top + row[:, 1].max(), max(widest, row[:, 0].sum())
-    box = f'viewBox="0 0 {widest:g} {max(top, 1.0):g}"'
-    return make_standalone_svg(f"<svg {box}>{''.join(parts)}</svg>\n")
+            box = f'x="{left[k]:g}" y="{top:g}" width="{w:g}" height="{h:g}"'
+            parts.append(drawings[i + k].svg.replace("<svg ", f"<svg {box} ", 1))
+        top, total_width = top + row[:, 1].max(), max(total_width, row[:, 0].sum())
+    view_box = f'viewBox="0 0 {total_width:g} {max(top, 1.0):g}"'
+    return make_standalone_svg(f"<svg {view_box}>{''.join(parts)}</svg>\n")

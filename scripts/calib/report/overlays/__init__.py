@@ -1,1 +1,1 @@
-"""Targets drawn over images and scans, by the initial guess and by the result."""
+"""Overlays: targets drawn over images and scans, by the initial guess and by the result."""

@@ -1,98 +1,138 @@
-"""Targets as a sensor saw them against where guess and solution put them: the worst first."""
+"""Selects the views of a sensor whose overlays are drawn: the worst first, and a typical one."""
+
+from typing import Any, NamedTuple, Protocol
 
 from calib.io.parquet_tables import select_rows
+from calib.report.data.run_data import Columns, ReportRun, ReportStream
+from calib.report.figures.svg_plots import Drawing
 from calib.report.overlays.camera_overlay import draw_camera_overlay
 from calib.report.overlays.lidar_overlay import draw_lidar_overlay
-from calib.report.sections.residual_tables import residuals_by_kind, score_views
+from calib.report.sections.residuals import residuals_by_kind, score_views
 from calib.views.view_payloads import read_view_payloads
 
-DRAW_OVERLAY_BY_KIND = {"camera": draw_camera_overlay, "lidar": draw_lidar_overlay}
+
+class ScoredView(NamedTuple):
+    """A view and the rms of its residuals in σ; None if the target was not found."""
+
+    session: str
+    view: int
+    score: float | None
 
 
-def draw_worst_overlays(run, sensor):
-    """Overlays of one sensor: the worst view of the worst placements, then views without a find."""
-    return draw_overlays(
-        run, sensor, select_overlay_views(run, sensor, run.options["report"]["max_overlays"])
-    )
+class DrawOverlay(Protocol):
+    """Draws one view with its payload; residuals: of the view, by kind."""
+
+    def __call__(
+        self,
+        run: ReportRun,
+        sensor: str,
+        session: str,
+        view: dict[str, Any],
+        residuals: dict[str, Columns],
+    ) -> Drawing:
+        """Return the drawing."""
 
 
-def draw_typical_overlay(run, sensor):
-    """The overlay of the view in the middle of those that of_sensor does not show, by its
-    residuals, in a list; none where all are shown."""
-    most = run.options["report"]["max_overlays"]
-    worst = select_overlay_views(run, sensor, most)
-    left = [view for view in rank_placement_views(run, sensor) if view not in worst]
-    middle = left[len(left) // 2 : len(left) // 2 + 1]
-    return draw_overlays(run, sensor, middle if most else [])
+DRAW_OVERLAY_BY_KIND: dict[str, DrawOverlay] = {
+    "camera": draw_camera_overlay,
+    "lidar": draw_lidar_overlay,
+}
 
 
-def draw_overlays(run, sensor, views):
-    """{head, drawing} of views [(session, view, score or None)]."""
-    read = {
-        session: read_view_payloads(stream.views_path, [v for s, v, _ in views if s == session])
+def draw_worst_overlays(run: ReportRun, sensor: str) -> list[dict[str, Any]]:
+    """Draw the worst view of the worst placements, then views in which nothing was found."""
+    views = select_overlay_views(run, sensor, run.options["report"]["max_overlays"])
+    return draw_overlays(run, sensor, views)
+
+
+def draw_typical_overlay(run: ReportRun, sensor: str) -> list[dict[str, Any]]:
+    """Draw the median view of those that draw_worst_overlays leaves out; empty without any."""
+    max_views = run.options["report"]["max_overlays"]
+    worst = select_overlay_views(run, sensor, max_views)
+    others = [view for view in rank_placement_views(run, sensor) if view not in worst]
+    typical = others[len(others) // 2 : len(others) // 2 + 1]
+    return draw_overlays(run, sensor, typical if max_views else [])
+
+
+def draw_overlays(run: ReportRun, sensor: str, views: list[ScoredView]) -> list[dict[str, Any]]:
+    """Return {line, status, drawing} of views."""
+    payloads = {
+        session: read_view_payloads(
+            stream.views_path, [v.view for v in views if v.session == session]
+        )
         for session, stream in select_sensor_streams(run, sensor).items()
     }
     draw = DRAW_OVERLAY_BY_KIND[run.sensors[sensor]["kind"]]
-    rows = residuals_by_kind(run, sensor)
-    out = []
-    for session, view, score in views:
-        here = {k: _select_view_rows(c, session, view) for k, c in rows.items()}
-        drawing = draw(run, sensor, session, read[session][view], here)
-        out.append(
-            {"head": describe_overlay_view(run, sensor, session, view, score), "drawing": drawing}
-        )
-    return out
+    overlays = []
+    for view in views:
+        residuals = {
+            kind: _select_view_rows(columns, view)
+            for kind, columns in residuals_by_kind(run, sensor).items()
+        }
+        payload = payloads[view.session][view.view]
+        drawing = draw(run, sensor, view.session, payload, residuals)
+        overlays.append(describe_overlay_view(run, sensor, view) | {"drawing": drawing})
+    return overlays
 
 
-def select_sensor_streams(run, sensor):
-    """{session: Stream} of the sessions that use a sensor."""
+def select_sensor_streams(run: ReportRun, sensor: str) -> dict[str, ReportStream]:
+    """Return the streams of a sensor by session."""
     return {n: s.streams[sensor] for n, s in run.sessions.items() if sensor in s.streams}
 
 
-def select_overlay_views(run, sensor, max_views):
-    """[(session, view, score or None)]: one per placement, the worst first, then some failures."""
+def select_overlay_views(run: ReportRun, sensor: str, max_views: int) -> list[ScoredView]:
+    """Return the worst view of each placement, the worst first, then some failures."""
     used = _order_targets_first(run, sensor, rank_placement_views(run, sensor))
     failed = [
-        (session, view, None)
+        ScoredView(session, view, None)
         for session, stream in select_sensor_streams(run, sensor).items()
         for view, status in sorted(stream.status_by_view.items())
         if not status.ok
     ]
     n_failed = min(len(failed), max(max_views // 3, max_views - len(used)))
-    shown = sorted(used[: max_views - n_failed], key=lambda r: (-r[2], r[:2]))
-    return shown + failed[:n_failed]
+    return _sort_worst_first(used[: max_views - n_failed]) + failed[:n_failed]
 
 
-def rank_placement_views(run, sensor):
-    """[(session, view, score)] of the worst view of every placement, the worst first."""
+def rank_placement_views(run: ReportRun, sensor: str) -> list[ScoredView]:
+    """Return the worst view of each placement, the worst first."""
+    worst: dict[tuple[str, int], ScoredView] = {}
     scores = score_views(residuals_by_kind(run, sensor))
-    worst = {}
-    for (session, view), (placement, value, _) in scores.items():
+    for (session, view), (placement, score, _) in scores.items():
         key = session, placement
-        if key not in worst or value > worst[key][2]:
-            worst[key] = session, view, value
-    return sorted(worst.values(), key=lambda r: (-r[2], r[:2]))
+        if key not in worst or score > (worst[key].score or 0.0):
+            worst[key] = ScoredView(session, view, score)
+    return _sort_worst_first(list(worst.values()))
 
 
-def _order_targets_first(run, sensor, views):
-    """Views, worst first, with the worst of every target before all others."""
-    seen, first, rest = set(), [], []
-    for session, view, value in views:
-        target = run.sessions[session].streams[sensor].views["target"][view]
-        (rest if target in seen else first).append((session, view, value))
-        seen.add(target)
-    return first + rest
+def _sort_worst_first(views: list[ScoredView]) -> list[ScoredView]:
+    return sorted(views, key=lambda v: (-(v.score or 0.0), v.session, v.view))
 
 
-def describe_overlay_view(run, sensor, session, view, score):
-    """What a view is, in one line, and for a failure expected against found."""
-    stream = run.sessions[session].streams[sensor]
-    target, placement = stream.views["target"][view], int(stream.views["placement"][view])
-    line = f"{session}, view {view}: {target}, placement {placement}"
-    if score is not None:
-        return {"line": f"{line}; rms {score:.2f} σ", "status": None}
-    return {"line": f"{line}; nothing found", "status": stream.status_by_view[view]}
+def _order_targets_first(
+    run: ReportRun, sensor: str, views: list[ScoredView]
+) -> list[ScoredView]:
+    """Put the worst view of each target before all others; views: the worst first."""
+    targets: set[str] = set()
+    first: list[ScoredView] = []
+    others: list[ScoredView] = []
+    for view in views:
+        target = run.sessions[view.session].streams[sensor].views["target"][view.view]
+        (others if target in targets else first).append(view)
+        targets.add(target)
+    return first + others
 
 
-def _select_view_rows(columns, session, view):
-    return select_rows(columns, (columns["session"] == session) & (columns["view"] == view))
+def describe_overlay_view(run: ReportRun, sensor: str, view: ScoredView) -> dict[str, Any]:
+    """Return {line, status}: what a view shows, and the status of a failure."""
+    stream = run.sessions[view.session].streams[sensor]
+    target = stream.views["target"][view.view]
+    placement = int(stream.views["placement"][view.view])
+    line = f"{view.session}, view {view.view}: {target}, placement {placement}"
+    if view.score is not None:
+        return {"line": f"{line}; rms {view.score:.2f} σ", "status": None}
+    return {"line": f"{line}; nothing found", "status": stream.status_by_view[view.view]}
+
+
+def _select_view_rows(columns: Columns, view: ScoredView) -> Columns:
+    rows = (columns["session"] == view.session) & (columns["view"] == view.view)
+    return select_rows(columns, rows)

@@ -1,27 +1,41 @@
-"""Pages from templates, complete in themselves."""
+"""Renders Jinja templates into pages that need no other files."""
 
 import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
 
 import jinja2
 from markupsafe import Markup
 
+from calib.report.figures.svg_plots import Drawing
 
-def render_template(paths, template_name, context, render_drawing=None):
-    """The page that the template of a name makes of what is shown; paths: of all templates, styles
-    and scripts; render_drawing: how it puts a Drawing, by default as its <svg>."""
+
+def render_svg(drawing: Drawing) -> Markup:
+    """Return the <svg> element of a drawing."""
+    return Markup(drawing.svg)
+
+
+def render_template(
+    paths: Iterable[Path],
+    template_name: str,
+    context: dict[str, Any],
+    render_drawing: Callable[[Drawing], Markup] = render_svg,
+) -> str:
+    """Render a template; paths: of all templates, styles and scripts that it includes."""
     environment = jinja2.Environment(
         loader=jinja2.DictLoader({path.name: path.read_text() for path in paths}),
-        autoescape=lambda template: template.endswith(".html.j2"),
+        autoescape=lambda name: name is not None and name.endswith(".html.j2"),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["drawn"] = render_drawing or (lambda drawing: Markup(drawing.svg))
-    environment.filters["data"] = embed_json
+    environment.filters["as_drawing"] = render_drawing
+    environment.filters["as_json"] = embed_json
     return environment.get_template(template_name).render(context)
 
 
-def embed_json(value):
-    """Content as JSON that may stand in a page's <script>."""
-    told = json.dumps(value, separators=(",", ":"), allow_nan=False)
-    return Markup(told.replace("<", "\\u003c"))
+def embed_json(value: Any) -> Markup:
+    """Return a value as JSON that may stand in a <script> of a page."""
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    return Markup(text.replace("<", "\\u003c"))

@@ -1,44 +1,46 @@
-"""The page on paper."""
+"""Renders a page to PDF."""
 
 import logging
+from typing import Any
 
 from markupsafe import Markup
 
-from calib.report.figures.svg_plots import encode_for_paper
+from calib.report.figures.svg_plots import Drawing, encode_for_paper
 
 NOISY_LOGGERS = ("weasyprint", "weasyprint.progress", "fontTools")
 
 
 class PdfImages:
-    """What the page shows, under short names: inside it, megabytes would be parsed as text."""
+    """Images of a page by short URLs: inside the page, megabytes would be parsed as text."""
 
-    def __init__(self):
-        self.content_by_url = {}
+    def __init__(self) -> None:
+        self.content_by_url: dict[str, tuple[str, bytes]] = {}
 
-    def add_drawing(self, drawing):
-        """<img> of a Drawing."""
-        name = f"drawing:{len(self.content_by_url)}"
-        self.content_by_url[name] = encode_for_paper(drawing)
-        return Markup(f'<img alt="" src="{name}">')
+    def add_drawing(self, drawing: Drawing) -> Markup:
+        """Add a drawing and return its <img> element."""
+        url = f"drawing:{len(self.content_by_url)}"
+        self.content_by_url[url] = encode_for_paper(drawing)
+        return Markup(f'<img alt="" src="{url}">')
 
 
-def encode_pdf(html, pdf_images):
-    """PDF bytes of a page and its Images; the same page gives the same bytes."""
-    # They tell of every step, the import's own too, and of rules for the screen that do not apply.
+def encode_pdf(html: str, pdf_images: PdfImages) -> bytes:
+    """Encode a page and its images as PDF; the same page gives the same bytes."""
+    # Their messages are on single steps, imports, and CSS rules that only the screen needs.
     for name in NOISY_LOGGERS:
         logging.getLogger(name).setLevel(logging.ERROR)
-    import weasyprint  # 1 s, which only the job that prints should pay
+    import weasyprint  # takes 1 s, which only this job needs
     from weasyprint.urls import URLFetcher, URLFetcherResponse
 
-    class Known(URLFetcher):
-        """Opens the images and what lies within them, and nothing from outside."""
+    class PdfImageFetcher(URLFetcher):
+        """Opens the images and the data inside them, and nothing else."""
 
-        def fetch(self, url, headers=None):
+        def fetch(self, url: str, headers: dict[str, str] | None = None) -> Any:
             if url not in pdf_images.content_by_url:
                 return super().fetch(url, headers)
-            kind, data = pdf_images.content_by_url[url]
-            return URLFetcherResponse(url, data, {"Content-Type": kind})
+            media_type, data = pdf_images.content_by_url[url]
+            return URLFetcherResponse(url, data, {"Content-Type": media_type})
 
-    page = weasyprint.HTML(string=html, url_fetcher=Known(allowed_protocols={"data"}))
-    # A PDF must carry an identifier; by default it is drawn anew for every file.
+    fetcher = PdfImageFetcher(allowed_protocols={"data"})
+    page = weasyprint.HTML(string=html, url_fetcher=fetcher)
+    # A PDF needs an identifier; by default it is random.
     return page.write_pdf(pdf_identifier=b"report")

@@ -1,7 +1,6 @@
-"""Every rig and session side by side: verdict, σ, drift since it was last accepted, repeatability.
+"""Context of the page of all rigs: verdict, σ, drift since the last acceptance, repeatability."""
 
-calibration and verdict are calibration.json and verdict.json as they are.
-"""
+from typing import Any
 
 import numpy as np
 
@@ -11,87 +10,98 @@ from calib.report.number_format import DASH, format_number
 from calib.report.sections.extrinsics import pose_distance_mm_deg
 from calib.verdict.findings import worst_level
 
-DRIFT_LIMIT_SIGMA = 3.0  # σ: a drift beyond that is marked
+DRIFT_LIMIT_SIGMA = 3.0  # larger drifts are marked
+
+Block = dict[str, Any]  # content of a JSON file or a part of it
 
 
-def build_rig_overview(calibration, verdict, accepted_calibrations, audits):
-    """What is told of one rig; accepted_calibrations: [(name, calibration)] accepted before it, the oldest
-    first; audits: log.json by session, None where there is none."""
-    last = accepted_calibrations[-1] if accepted_calibrations else None
+def build_rig_overview(
+    calibration: Block,
+    verdict: Block,
+    accepted: list[tuple[str, Block]],
+    audits: dict[str, Block | None],
+) -> Block:
+    """Return the overview of one rig.
+
+    calibration, verdict: content of the JSON files; accepted: (name, calibration.json) accepted
+    before this one, the oldest first; audits: log.json by session, None without one.
+    """
+    last_name, last = accepted[-1] if accepted else (None, {"sensors": {}})
+    reasons = verdict["reasons"]
     return {
         "level": verdict["verdict"],
-        "reason": verdict["reasons"][0] if verdict["reasons"] else "Every limit is kept.",
-        "more": max(len(verdict["reasons"]) - 1, 0),
-        "accepted": len(accepted_calibrations),
-        "last": last[0] if last else None,
+        "reason": reasons[0] if reasons else "All sensors are within all limits.",
+        "n_more_reasons": max(len(reasons) - 1, 0),
+        "n_accepted": len(accepted),
+        "last_accepted": last_name,
         "sensors": [
-            build_sensor_overview(calibration, verdict, name, last[1] if last else None)
+            build_sensor_overview(calibration, verdict, name, last["sensors"].get(name))
             for name in sorted(calibration["sensors"])
         ],
         "sessions": [
-            build_session_overview(calibration, verdict, n, a) for n, a in sorted(audits.items())
+            build_session_overview(verdict, name, audit) for name, audit in sorted(audits.items())
         ],
     }
 
 
-def build_sensor_overview(calibration, verdict, name, accepted_calibration):
-    """One sensor's verdict, the largest σ of its pose, its drift and its repeatability."""
+def build_sensor_overview(
+    calibration: Block, verdict: Block, name: str, accepted_sensor: Block | None
+) -> Block:
+    """Return the verdict of one sensor, the largest σ of its pose, drift and repeatability."""
     sensor = calibration["sensors"][name]
-    told = {"name": name, "kind": sensor["kind"], "level": verdict["sensors"][name]}
-    told |= {"sigma_mm": DASH, "sigma_deg": DASH}
-    told |= {
-        "drift": format_pose_drift(
-            sensor, (accepted_calibration or {"sensors": {}})["sensors"].get(name)
-        )
-    }
-    told |= {
-        "repeats": format_repeatability(calibration, name),
+    sigma_mm, sigma_deg = DASH, DASH
+    if sensor["covariance"]:
+        sigma_m, sigma_rad = np.sqrt(np.diag(sensor["covariance"])).reshape(2, 3).max(1)
+        sigma_mm = format_number(sigma_m * MM_PER_M, 2)
+        sigma_deg = format_number(sigma_rad * DEG_PER_RAD, 2)
+    return {
+        "name": name,
+        "kind": sensor["kind"],
+        "level": verdict["sensors"][name],
+        "sigma_mm": sigma_mm,
+        "sigma_deg": sigma_deg,
+        "drift": format_pose_drift(sensor, accepted_sensor),
+        "repeatability": format_repeatability(calibration, name),
         "reason": sensor["status"]["reason"],
     }
-    if sensor["covariance"]:
-        sigma = np.sqrt(np.diag(sensor["covariance"])).reshape(2, 3).max(1)
-        told["sigma_mm"] = format_number(sigma[0] * MM_PER_M, 2)
-        told["sigma_deg"] = format_number(sigma[1] * DEG_PER_RAD, 2)
-    return told
 
 
-def format_pose_drift(sensor, accepted_sensor):
-    """How far a pose lies from an earlier one: mm, deg, and that in what both σ expect; None
-    without either."""
+def format_pose_drift(sensor: Block, accepted_sensor: Block | None) -> Block | None:
+    """Return the drift since the accepted pose: mm, deg, in σ of both; None without both poses."""
     if not accepted_sensor or not sensor["T_robot_sensor"] or not accepted_sensor["T_robot_sensor"]:
         return None
-    T, T_then = (np.array(s["T_robot_sensor"]["matrix"]) for s in (sensor, accepted_sensor))
-    mm, deg = pose_distance_mm_deg(T, T_then)
-    xi = se3_log(invert_pose(T_then) @ T)
-    both = np.array(sensor["covariance"]) + np.array(accepted_sensor["covariance"])
-    sigmas = float(np.sqrt(xi @ np.linalg.solve(both, xi) / 6))
-    told = {"mm": format_number(mm, 2), "deg": format_number(deg, 2)}
-    return told | {"sigmas": format_number(sigmas, 2), "far": sigmas > DRIFT_LIMIT_SIGMA}
-
-
-def format_repeatability(calibration, name):
-    """How far sessions, each by itself, scatter about the others: rms, mm and deg; None of one."""
-    shifts = [r["shift"] for r in calibration["repeatability"] if r["sensor"] == name]
-    if not shifts:
-        return None
-    square = np.sum(np.reshape(shifts, (-1, 2, 3)) ** 2, axis=2)
-    mm, deg = np.sqrt(square.mean(0)) * [MM_PER_M, DEG_PER_RAD]
+    T, T_accepted = (np.array(s["T_robot_sensor"]["matrix"]) for s in (sensor, accepted_sensor))
+    mm, deg = pose_distance_mm_deg(T, T_accepted)
+    xi = se3_log(invert_pose(T_accepted) @ T)
+    covariance = np.array(sensor["covariance"]) + np.array(accepted_sensor["covariance"])
+    sigmas = float(np.sqrt(xi @ np.linalg.solve(covariance, xi) / 6))
     return {
         "mm": format_number(mm, 2),
         "deg": format_number(deg, 2),
-        "sessions": len(shifts),
+        "sigmas": format_number(sigmas, 2),
+        "is_far": sigmas > DRIFT_LIMIT_SIGMA,
     }
 
 
-def build_session_overview(calibration, verdict, name, audit):
-    """One session's verdict: what its recording lacks, and which sensors sit elsewhere in it."""
+def format_repeatability(calibration: Block, name: str) -> Block | None:
+    """Return the rms deviation of single sessions from the others, mm and deg; None of one."""
+    shifts = [r["shift"] for r in calibration["repeatability"] if r["sensor"] == name]
+    if not shifts:
+        return None
+    squares = np.sum(np.reshape(shifts, (-1, 2, 3)) ** 2, axis=2)
+    mm, deg = np.sqrt(squares.mean(0)) * [MM_PER_M, DEG_PER_RAD]
+    return {"mm": format_number(mm, 2), "deg": format_number(deg, 2)}
+
+
+def build_session_overview(verdict: Block, name: str, audit: Block | None) -> Block:
+    """Return the verdict of one session: problems of the recording, and sensors that moved."""
     if audit is None:
-        return {"name": name, "level": "fail", "told": "not decoded"}
-    faults = [s["status"]["reason"] for part in ("sensors", "bodies") for s in audit[part].values()]
-    faults = list(dict.fromkeys(f for f in faults if f))
-    moved = [
+        return {"name": name, "level": "fail", "notes": "not decoded"}
+    blocks = [block for part in ("sensors", "bodies") for block in audit[part].values()]
+    problems = list(dict.fromkeys(reason for b in blocks if (reason := b["status"]["reason"])))
+    moves = [
         f for f in verdict["findings"] if f["check"] == "sensor_moved" and f" {name} " in f["text"]
     ]
-    levels = ["fail"] * bool(faults) + [f["level"] for f in moved]
-    told = faults + [f["text"] for f in moved]
-    return {"name": name, "level": worst_level(levels), "told": "; ".join(told) or "complete"}
+    levels = ["fail"] * bool(problems) + [f["level"] for f in moves]
+    notes = problems + [f["text"] for f in moves]
+    return {"name": name, "level": worst_level(levels), "notes": "; ".join(notes) or "complete"}

@@ -1,1 +1,1 @@
-"""Sections of the report: each file computes the tables of one section."""
+"""Sections of the report: each file computes the tables of the section with its name."""

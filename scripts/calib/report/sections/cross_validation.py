@@ -1,135 +1,182 @@
-"""What speaks for or against the result: suspicions, placements and measurements left out."""
+"""Evidence for or against the result: suspected errors, leave-one-out, sessions, rejections."""
+
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from calib.geometry.units import DEG_PER_RAD, MM_PER_M
-from calib.report.number_format import format_count, format_number, format_percent
+from calib.report.data.run_data import ReportRun
+from calib.report.number_format import (
+    format_count,
+    format_kind,
+    format_number,
+    format_percent,
+)
 from calib.verdict.findings import level_by_limits
 
 N_TOP_INFLUENCES = 3
+MIN_SHOWN_SHIFT_SIGMA = 0.5  # smaller shifts of a pose by a suspected error are not shown
+MIN_SHOWN_SHARE = 0.05  # smaller shares of the residuals are not shown
+MIN_SHOWN_P_VALUE = 1e-12
 
 
-def tabulate_suspected_errors(run):
-    """Rows of what the residuals speak for, the gravest first, and whether the verdict names it."""
-    told = [f["text"] for f in run.verdict["findings"] if f["check"] == "suspected_error"]
+@dataclass(frozen=True)
+class PlacementInfluence:
+    """Leave-one-out of one placement and sensor.
+
+    influence: shift of the pose without the placement, in its σ, None if the pose needs it;
+    nees_per_direction: squared difference from the prediction of the others, in σ, or None.
+    """
+
+    session: str
+    target: str
+    placement: int
+    influence: float | None
+    nees_per_direction: float | None
+
+
+def tabulate_suspected_errors(run: ReportRun) -> list[dict[str, Any]]:
+    """Return one row per suspected error, the most important first."""
+    findings = [f["text"] for f in run.verdict["findings"] if f["check"] == "suspected_error"]
     return [
         {
-            "text": s["description"],
-            "remedy": s["remedy"],
-            "named": any(s["description"] in t for t in told),
-            "chance": _format_p_value(s["p_value"]),
-            "shift": [
-                _format_pose_shift(n, by)
-                for n, by in sorted(s["pose_shift"].items())
-                if by["sigmas"] > 0.5
+            "text": error["description"],
+            "remedy": error["remedy"],
+            "is_in_verdict": any(error["description"] in text for text in findings),
+            "p_value": _format_p_value(error["p_value"]),
+            "pose_shift": [
+                _format_pose_shift(sensor, shift)
+                for sensor, shift in sorted(error["pose_shift"].items())
+                if shift["sigmas"] > MIN_SHOWN_SHIFT_SIGMA
             ],
-            "explained": [
-                f"{format_percent(v)} of {k}"
-                for k, v in sorted(s["explained_share"].items())
-                if v > 0.05
+            "explained_share": [
+                f"{format_percent(share)} of {_format_explained_part(part)}"
+                for part, share in sorted(error["explained_share"].items())
+                if share > MIN_SHOWN_SHARE
             ],
-            "rivals": [r["description"] for r in s["alternatives"]],
+            "alternatives": [alternative["description"] for alternative in error["alternatives"]],
         }
-        for s in run.calibration["suspected_errors"]
+        for error in run.calibration["suspected_errors"]
     ]
 
 
-def _format_p_value(value):
-    return format_number(value, 1) if value > 1e-12 else "below 1e−12"
+def _format_p_value(p_value: float) -> str:
+    return format_number(p_value, 1) if p_value > MIN_SHOWN_P_VALUE else "below 1e−12"
 
 
-def _format_pose_shift(name, shift):
-    """`lidar 6.7 mm, 0.19° (3.6 σ)`."""
-    far = f"{format_number(shift['m'] * MM_PER_M, 2)} mm, {format_number(shift['rad'] * DEG_PER_RAD, 2)}°"
-    return f"{name} {far} ({format_number(shift['sigmas'], 2)} σ)"
+def _format_explained_part(part: str) -> str:
+    """Format a part of the residuals, `<sensor>/<kind>` or `mocap`."""
+    sensor, slash, kind = part.rpartition("/")
+    return sensor + slash + format_kind(kind)
 
 
-def tabulate_session_repeatability(run):
-    """Rows of every sensor and session: its pose by that session alone, against the others."""
-    rows = []
-    moved = {
-        n for f in run.verdict["findings"] if f["check"] == "sensor_moved" for n in f["sensors"]
+def _format_pose_shift(sensor: str, shift: dict[str, float]) -> str:
+    """Format the shift of a pose: `lidar 6.7 mm, 0.19° (3.6 σ)`."""
+    mm, deg = shift["m"] * MM_PER_M, shift["rad"] * DEG_PER_RAD
+    sigmas = format_number(shift["sigmas"], 2)
+    return f"{sensor} {format_number(mm, 2)} mm, {format_number(deg, 2)}° ({sigmas} σ)"
+
+
+def tabulate_session_repeatability(run: ReportRun) -> list[dict[str, Any]]:
+    """Return one row per session and sensor: the pose of that session against the others."""
+    moved_sensors = {
+        name for f in run.verdict["findings"] if f["check"] == "sensor_moved" for name in f["sensors"]
     }
-    for row in run.calibration["repeatability"]:
-        shift, sigma = np.reshape([row["shift"], row["sigma"]], (2, 2, 3)) * [
-            [[MM_PER_M], [DEG_PER_RAD]]
-        ]
-        told = {k: row[k] for k in ("session", "sensor")} | {
-            "chance": _format_p_value(row["p_value"])
+    rows = []
+    for block in run.calibration["repeatability"]:
+        row = {
+            "session": block["session"],
+            "sensor": block["sensor"],
+            "p_value": _format_p_value(block["p_value"]),
+            "has_moved": block["sensor"] in moved_sensors,
         }
-        for i, unit in enumerate(("mm", "deg")):
-            told[unit] = format_number(np.linalg.norm(shift[i]), 2)
-            told[f"sigma_{unit}"] = format_number(np.linalg.norm(sigma[i]), 2)
-        told["moved"] = row["sensor"] in moved
-        rows.append(told)
+        for key, part, scale in (
+            ("mm", slice(0, 3), MM_PER_M),
+            ("deg", slice(3, 6), DEG_PER_RAD),
+        ):
+            shift, sigma = np.asarray(block["shift"][part]), np.asarray(block["sigma"][part])
+            row[key] = format_number(np.linalg.norm(shift * scale), 2)
+            row[f"sigma_{key}"] = format_number(np.linalg.norm(sigma * scale), 2)
+        rows.append(row)
     return rows
 
 
-def tabulate_leave_one_out(run):
-    """Rows of every sensor: what its placements say against what the others predict, beside σ, all
-    of them lengths over three axes."""
+def tabulate_leave_one_out(run: ReportRun) -> list[dict[str, Any]]:
+    """Return one row per sensor: leave-one-out error beside the σ of the pose.
+
+    All of them are lengths over three axes.
+    """
     rows = []
     for name, sensor in run.sensors.items():
-        held = sensor["leave_one_out"]
-        if held:
-            rows.append(
-                {
-                    "name": name,
-                    "placements": format_count(held["placements"]),
-                    "mm": format_number(held["rms_m"] * MM_PER_M, 2),
-                    "deg": format_number(held["rms_rad"] * DEG_PER_RAD, 2),
-                    "ratio": format_number(held["error_over_sigma"], 3),
-                    "sigma_mm": format_number(_sigma_length(sensor, 0) * MM_PER_M, 2),
-                    "sigma_deg": format_number(_sigma_length(sensor, 1) * DEG_PER_RAD, 2),
-                    "level": level_by_limits(
-                        held["error_over_sigma"], run.verdict["limits"], "leave_one_out"
-                    ),
-                    "most": format_top_influences(run, name),
-                }
-            )
+        error = sensor["leave_one_out"]
+        if not error:
+            continue
+        ratio = error["error_over_sigma"]
+        variances = np.diag(sensor["covariance"]).reshape(2, 3)
+        sigma_m, sigma_rad = (float(np.sqrt(part.sum())) for part in variances)
+        rows.append(
+            {
+                "name": name,
+                "placements": format_count(error["placements"]),
+                "mm": format_number(error["rms_m"] * MM_PER_M, 2),
+                "deg": format_number(error["rms_rad"] * DEG_PER_RAD, 2),
+                "ratio": format_number(ratio, 3),
+                "sigma_mm": format_number(sigma_m * MM_PER_M, 2),
+                "sigma_deg": format_number(sigma_rad * DEG_PER_RAD, 2),
+                "level": level_by_limits(ratio, run.verdict["limits"], "leave_one_out"),
+                "top_influences": format_top_influences(run, name),
+            }
+        )
     return rows
 
 
-def _sigma_length(sensor, part):
-    """Length, m or rad, of the σ of a pose's position (part 0) or rotation (part 1)."""
-    variances = np.diag(sensor["covariance"]).reshape(2, 3)[part]
-    return float(np.sqrt(variances.sum()))
-
-
-def list_placement_influences(run, sensor):
-    """[(session, target, placement, influence in σ or None, NEES per direction or None)]."""
-    out = []
+def list_placement_influences(run: ReportRun, sensor: str) -> list[PlacementInfluence]:
+    """Return the leave-one-out results of all placements of one sensor."""
+    influences = []
     for row in run.calibration["influences"]:
-        own = row["sensors"].get(sensor)
-        if own:
-            nees = own["nees"] / own["n_directions"] if own["n_directions"] else None
-            at = row["session"], row["target"], row["placement"]
-            out.append((*at, own["influence"], nees))
-    return out
+        block = row["sensors"].get(sensor)
+        if block:
+            n_directions = block["n_directions"]
+            influences.append(
+                PlacementInfluence(
+                    session=row["session"],
+                    target=row["target"],
+                    placement=row["placement"],
+                    influence=block["influence"],
+                    nees_per_direction=block["nees"] / n_directions if n_directions else None,
+                )
+            )
+    return influences
 
 
-def format_top_influences(run, sensor):
-    """`7 (board, morning) 1.3 σ` of the few placements that move a pose the most."""
-    rows = list_placement_influences(run, sensor)
-    rows.sort(key=lambda r: -(np.inf if r[3] is None else r[3]))
-    several = len(run.sessions) > 1
+def format_top_influences(run: ReportRun, sensor: str) -> list[str]:
+    """Format the placements that move a pose most: `7 (board, morning) 1.3 σ`."""
+    influences = list_placement_influences(run, sensor)
+    influences.sort(key=lambda i: -(np.inf if i.influence is None else i.influence))
+    texts = []
+    for i in influences[:N_TOP_INFLUENCES]:
+        session = f", {i.session}" if len(run.sessions) > 1 else ""
+        if i.influence is None:
+            effect = "no pose without it"
+        else:
+            effect = f"{format_number(i.influence, 2)} σ"
+        texts.append(f"{i.placement} ({i.target}{session}) {effect}")
+    return texts
+
+
+def tabulate_rejected_regions(run: ReportRun, sensor: str) -> list[dict[str, Any]]:
+    """Return one row per target and kind of the excluded measurements: where they lie.
+
+    regions: (count, share, region).
+    """
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    for block in run.sensors[sensor]["rejected_by_region"]:
+        key = block["target"], block["kind"]
+        row = rows.setdefault(key, {"n_measurements": format_count(block["n_measurements"]), "regions": []})
+        share = format_percent(block["count"] / max(block["n_measurements"], 1))
+        row["regions"].append((format_count(block["count"]), share, block["region"]))
     return [
-        f"{placement} ({target}{f', {session}' if several else ''}) "
-        + ("cannot be spared" if moved is None else f"{format_number(moved, 2)} σ")
-        for session, target, placement, moved, _ in rows[:N_TOP_INFLUENCES]
-    ]
-
-
-def tabulate_rejected_regions(run, sensor):
-    """Rows of the measurements that are no members: target, kind, and where they lie."""
-    rows = {}
-    for row in run.sensors[sensor]["rejected_by_region"]:
-        at = rows.setdefault(
-            (row["target"], row["kind"]), {"of": row["n_measurements"], "where": []}
-        )
-        share = format_percent(row["count"] / max(row["n_measurements"], 1))
-        at["where"].append((format_count(row["count"]), share, row["region"]))
-    return [
-        {"target": t, "kind": k, "of": format_count(r["of"]), "where": r["where"]}
-        for (t, k), r in sorted(rows.items())
+        {"target": target, "kind": format_kind(kind)} | row
+        for (target, kind), row in sorted(rows.items())
     ]

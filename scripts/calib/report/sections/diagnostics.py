@@ -1,26 +1,35 @@
-"""What went wrong or nearly so, ranked by what it costs."""
+"""What failed or nearly failed, ranked by its cost."""
 
-from calib.geometry.units import DEG_PER_RAD, MM_PER_M
+from typing import Any
+
+import numpy as np
+
+from calib.geometry.units import MM_PER_M, DEG_PER_RAD
+from calib.report.data.run_data import ReportRun
 from calib.report.number_format import DASH, format_count, format_number, format_plural
 from calib.verdict.findings import VERDICT_LEVELS
 
-LOWER_LIMIT_CHECKS = ("placements", "tilt_deg")
+LOWER_LIMIT_CHECKS = ("placements", "tilt_deg")  # checks of which small values are bad
 
 
-def tabulate_diagnostics(run, losses_by_session):
-    """{level, text, cost, remedy} of every finding, then of every loss of views, each the costliest
-    first; losses_by_session: {session: rows of funnel.table}."""
-    found = [(_rank_finding(run, f), f) for f in run.verdict["findings"]]
-    found.sort(key=lambda item: (-VERDICT_LEVELS.index(item[1]["level"]), -item[0][0]))
-    out = [
+def tabulate_diagnostics(
+    run: ReportRun, losses_by_session: dict[str, list[dict[str, Any]]]
+) -> list[dict[str, str]]:
+    """Return {level, text, cost, remedy} of all findings, then of all losses of views.
+
+    Each part begins with the most expensive. losses_by_session: rows of tabulate_frame_losses.
+    """
+    findings = [(*_rank_finding(run, f), f) for f in run.verdict["findings"]]
+    findings.sort(key=lambda item: (-VERDICT_LEVELS.index(item[2]["level"]), -item[0]))
+    rows = [
         {"level": f["level"], "text": f["text"], "cost": cost, "remedy": f["remedy"]}
-        for (_, cost), f in found
+        for _, cost, f in findings
     ]
-    return out + tabulate_lost_views(run, losses_by_session)
+    return rows + tabulate_lost_views(run, losses_by_session)
 
 
-def _rank_finding(run, finding):
-    """(how many times its limit, that in words) of one finding."""
+def _rank_finding(run: ReportRun, finding: dict[str, Any]) -> tuple[float, str]:
+    """Return the cost of a finding, in multiples of its limit, as number and as text."""
     check, value, limit = (finding[k] for k in ("check", "value", "limit"))
     if check == "status":
         return float("inf"), f"the pose of {', '.join(finding['sensors'])}"
@@ -28,54 +37,68 @@ def _rank_finding(run, finding):
         return _rank_suspected_error(run, finding)
     if check == "sensor_moved":
         return _rank_session_move(run, finding)
-    if finding["ratio"] is None:
+    if value is None or not limit:
         return 1.0, DASH
-    told = f"{format_number(finding['ratio'], 2)} × the limit"
     if check in LOWER_LIMIT_CHECKS:
-        told = f"{format_number(100 * value / limit, 2)} % of the limit"
-    return finding["ratio"], told
+        percent = format_number(100 * value / limit, 2)
+        return limit / max(value, 1e-9), f"{percent} % of the limit"
+    return value / limit, f"{format_number(value / limit, 2)} × the limit"
 
 
-def _rank_suspected_error(run, finding):
-    """What mending a suspicion would move, in the verdict's own limit."""
-    own = [s for s in run.calibration["suspected_errors"] if s["description"] in finding["text"]]
-    moved = [(by["sigmas"], n, by) for s in own for n, by in s["pose_shift"].items()]
-    if not moved:
+def _rank_suspected_error(run: ReportRun, finding: dict[str, Any]) -> tuple[float, str]:
+    """Return the largest shift of a pose if the suspected error is corrected."""
+    shifts = [
+        (shift["sigmas"], sensor, shift)
+        for error in run.calibration["suspected_errors"]
+        if error["description"] in finding["text"]
+        for sensor, shift in error["pose_shift"].items()
+    ]
+    if not shifts:
         return 1.0, DASH
-    sigmas, name, by = max(moved, key=lambda m: m[0])
-    m, deg = format_number(by["m"] * MM_PER_M, 2), format_number(by["rad"] * DEG_PER_RAD, 2)
-    far = f"{m} mm, {deg}° of {name}"
-    return sigmas / run.verdict["limits"].get("warn_error_moves_pose_sigma", 1.0), far
+    sigmas, sensor, shift = max(shifts, key=lambda item: item[0])
+    mm = format_number(shift["m"] * MM_PER_M, 2)
+    deg = format_number(shift["rad"] * DEG_PER_RAD, 2)
+    return sigmas / run.verdict["limits"].get("warn_error_moves_pose_sigma", 1.0), f"{mm} mm, {deg}° of {sensor}"
 
 
-def _rank_session_move(run, finding):
-    """How far a sensor moved between sessions, over what a position may be unsure by."""
-    own = [r for r in run.calibration["repeatability"] if r["sensor"] in finding["sensors"]]
-    far = max((sum(v**2 for v in r["shift"][:3]) ** 0.5 for r in own), default=0.0)
-    limit = run.verdict["limits"]["warn_sigma_m"]
-    return far / limit, f"{format_number(far * MM_PER_M, 2)} mm between sessions"
+def _rank_session_move(run: ReportRun, finding: dict[str, Any]) -> tuple[float, str]:
+    """Return the largest shift of a sensor between sessions, over the limit of the position σ."""
+    shifts = [r["shift"] for r in run.calibration["repeatability"] if r["sensor"] in finding["sensors"]]
+    shift_m = max((float(np.linalg.norm(shift[:3])) for shift in shifts), default=0.0)
+    cost = f"{format_number(shift_m * MM_PER_M, 2)} mm between sessions"
+    return shift_m / run.verdict["limits"]["warn_sigma_m"], cost
 
 
-def tabulate_lost_views(run, losses_by_session):
-    """Rows of views that were kept but told nothing, and of targets that a sensor never saw."""
-    out, used = [], {}
-    for session, table in losses_by_session.items():
-        for row in table:
-            kept, extracted, told = row["numbers"][2:]
+def tabulate_lost_views(
+    run: ReportRun, losses_by_session: dict[str, list[dict[str, Any]]]
+) -> list[dict[str, str]]:
+    """Return {level, text, cost, remedy} of kept views without an inlier, and of unused targets."""
+    rows: list[tuple[float, dict[str, str]]] = []
+    n_used_views: dict[tuple[str, str], int] = {}
+    for session, losses in losses_by_session.items():
+        for row in losses:
             key = row["sensor"], row["target"]
-            used[key] = used.get(key, 0) + told
-            if kept > told:
-                share = (kept - told) / kept
-                why = {step: reason for step, _, reason in reversed(row["losses"])}
-                reason = why.get("not found") if kept > extracted else why.get("not used")
-                words = f"{row['sensor']}, {row['target']}, {session}: {reason}"
-                views = format_plural(kept, "kept view")
-                cost = f"{format_count(kept - told)} of {views}"
-                out.append((share, {"text": words, "cost": cost, "remedy": ""}))
-    for (sensor, target), n in sorted(used.items()):
+            n_used_views[key] = n_used_views.get(key, 0) + row["frame_counts"][-1]
+            rows += _summarize_lost_views(session, row)
+    for (sensor, target), n in sorted(n_used_views.items()):
         if not n and run.sensors[sensor]["T_robot_sensor"]:
-            words = f"no view of {target} by {sensor} was used"
-            remedy = "hold it where this sensor sees it, if that is what tells it best"
-            out.append((0.0, {"text": words, "cost": "one kind of target", "remedy": remedy}))
-    out.sort(key=lambda item: -item[0])
-    return [{"level": "note"} | row for _, row in out]
+            text = f"{sensor}: no view of {target} was used"
+            remedy = f"If {sensor} should use {target}, record placements of it in the view of {sensor}."
+            rows.append((0.0, {"text": text, "cost": "one kind of target", "remedy": remedy}))
+    rows.sort(key=lambda item: -item[0])
+    return [{"level": "note"} | row for _, row in rows]
+
+
+def _summarize_lost_views(
+    session: str, row: dict[str, Any]
+) -> list[tuple[float, dict[str, str]]]:
+    """Return [(lost share, row)] of one sensor and target, empty if no kept view was lost."""
+    n_kept, n_extracted, n_used = row["frame_counts"][2:]
+    if n_kept <= n_used:
+        return []
+    # The first reason of each step is the most frequent one.
+    reasons = {step: reason for step, _, reason in reversed(row["losses"])}
+    reason = reasons.get("not found" if n_kept > n_extracted else "not used")
+    text = f"{row['sensor']}, {row['target']}, {session}: {reason}"
+    cost = f"{format_count(n_kept - n_used)} of {format_plural(n_kept, 'kept view')}"
+    return [((n_kept - n_used) / n_kept, {"text": text, "cost": cost, "remedy": ""})]

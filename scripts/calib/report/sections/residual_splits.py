@@ -1,113 +1,111 @@
-"""Residuals split by what they may depend on: how many, their mean and their rms, SI and σ."""
+"""Residuals split by what they may depend on: counts, mean and rms, in SI units and in σ."""
+
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from calib.io.parquet_tables import empty_columns, select_rows
 from calib.io.table_schemas import RESIDUALS_SCHEMA
-from calib.report.number_format import format_decimals, format_number
-from calib.report.sections.residual_tables import (
+from calib.report.data.run_data import Columns, ReportRun
+from calib.report.number_format import format_decimals, format_kind, format_number
+from calib.report.sections.residuals import (
+    inliers_by_kind,
     printed_unit,
     residual_components,
-    residuals_by_kind,
     root_mean_square,
     select_inlier_rows,
     standardize_residuals,
 )
 
-MIN_GROUP_SIZE = 5  # groups of fewer are not told
+MIN_GROUP_SIZE = 5  # smaller groups are not shown
 N_BANDS = 6  # equal bins of range, incidence or speed
-N_IMAGE_REGIONS = (3, 3)  # regions of an image, columns and rows
+N_IMAGE_REGIONS = (3, 3)  # columns and rows
 REGION_ROWS, REGION_COLUMNS = ("upper", "middle", "lower"), ("left", "middle", "right")
-KINDS_WITH_RING = (
-    "target_surface",
-    "cylinder_cap",
-    "template_point",
-)  # kinds whose index is a ring
+# Kinds whose feature index is the ring of a lidar.
+KINDS_WITH_RING = ("target_surface", "cylinder_cap", "template_point")
 
 
-def tabulate_residual_splits(run, sensor):
-    """Rows {kind, by, group, n, mean, rms, mean_sigma, rms_sigma} of one sensor's members."""
-    out, in_motion = [], run.moving_residuals_by_sensor.get(sensor, {})
-    for kind, columns in residuals_by_kind(run, sensor).items():
-        used = select_inlier_rows(columns)
-        moving = select_inlier_rows(in_motion.get(kind, empty_columns(RESIDUALS_SCHEMA)))
-        if len(used["weight"]):
-            config = run.options["sensors"][sensor]
-            for by, group, rows in split_inliers(kind, used, config):
-                out.append(_summarize_group(kind, by, group, select_rows(used, rows)))
-            out += [
-                _summarize_group(kind, "speed", g, part) for g, part in split_by_speed(used, moving)
-            ]
-    return [row for row in out if row]
+def tabulate_residual_splits(run: ReportRun, sensor: str) -> list[dict[str, Any]]:
+    """Return one row per group of the inliers of one sensor, groups of too few left out."""
+    rows = []
+    moving_by_kind = run.moving_residuals_by_sensor.get(sensor, {})
+    for kind, inliers in inliers_by_kind(run, sensor).items():
+        moving = select_inlier_rows(moving_by_kind.get(kind, empty_columns(RESIDUALS_SCHEMA)))
+        for by, group, columns in (
+            *split_inliers(kind, inliers, run.options["sensors"][sensor]),
+            *split_by_speed(inliers, moving),
+        ):
+            if len(columns["weight"]) >= MIN_GROUP_SIZE:
+                rows.append({"by": by, "group": group} | _summarize_group(kind, columns))
+    return rows
 
 
-def split_inliers(kind, columns, config):
-    """[(by, group, rows)] of all groups of the members of one kind."""
-    out = [("target", g, rows) for g, rows in _split_by_name(columns["target"])]
-    out += [("session", g, rows) for g, rows in _split_by_name(columns["session"])]
-    out += [("range", f"{g} m", rows) for g, rows in _split_into_bands(columns["range_m"])]
-    seen = columns["cos_incidence"] > 0
-    if seen.any():
-        angle = np.degrees(np.arccos(np.clip(columns["cos_incidence"], 0, 1)))
-        out += [("incidence", f"{g}°", rows) for g, rows in _split_into_bands(angle)]
-    ring = columns["feature_index"]
+def split_inliers(
+    kind: str, inliers: Columns, config: dict[str, Any]
+) -> Iterator[tuple[str, str, Columns]]:
+    """Yield (quantity, group, inliers of the group) of one kind; config: of the sensor."""
+    masks = [("target", g, rows) for g, rows in _split_by_name(inliers["target"])]
+    masks += [("session", g, rows) for g, rows in _split_by_name(inliers["session"])]
+    masks += [("range", f"{g} m", rows) for g, rows in _split_into_bands(inliers["range_m"])]
+    if (inliers["cos_incidence"] > 0).any():
+        angle = np.degrees(np.arccos(np.clip(inliers["cos_incidence"], 0, 1)))
+        masks += [("incidence", f"{g}°", rows) for g, rows in _split_into_bands(angle)]
+    ring = inliers["feature_index"]
     if kind in KINDS_WITH_RING and config["kind"] == "lidar":
-        out += [("ring", f"{k}", ring == k) for k in np.unique(ring[ring >= 0]).tolist()]
+        masks += [("ring", f"{k}", ring == k) for k in np.unique(ring[ring >= 0]).tolist()]
     if config["kind"] == "camera":
-        out += [
-            ("image region", g, rows) for g, rows in _split_by_region(columns, config["size_px"])
-        ]
-    return out
+        regions = _split_by_region(inliers["measured"], config["size_px"])
+        masks += [("image region", g, rows) for g, rows in regions]
+    for by, group, rows in masks:
+        yield by, group, select_rows(inliers, rows)
 
 
-def split_by_speed(still, moving):
-    """[(group, columns)] of the members at rest, and of those in motion by their speed, m/s."""
-    out = [("at rest", still)]
+def split_by_speed(still: Columns, moving: Columns) -> Iterator[tuple[str, str, Columns]]:
+    """Yield ("speed", group, inliers): those of still targets, then the others by speed, m/s."""
+    yield "speed", "at rest", still
     if len(moving["weight"]):
-        bands = _split_into_bands(moving["speed_mps"])
-        out += [(f"{g} m/s", select_rows(moving, rows)) for g, rows in bands]
-    return out
+        for group, rows in _split_into_bands(moving["speed_mps"]):
+            yield "speed", f"{group} m/s", select_rows(moving, rows)
 
 
-def _split_by_name(names):
+def _split_by_name(names: np.ndarray) -> list[tuple[str, np.ndarray]]:
     return [(str(n), names == n) for n in np.unique(names)]
 
 
-def _split_into_bands(x):
-    """[(`low to high`, rows)] of equal bins of x (n,), n > 0."""
+def _split_into_bands(x: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """Return (`low to high`, mask (n,)) of N_BANDS equal bins of x (n,), n > 0."""
     edges = np.linspace(x.min(), x.max(), N_BANDS + 1)
-    at = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, N_BANDS - 1)
-    named = [format_number(e, 2) for e in edges]
-    return [(f"{named[k]} to {named[k + 1]}", at == k) for k in range(N_BANDS)]
+    band = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, N_BANDS - 1)
+    texts = [format_number(e, 2) for e in edges]
+    return [(f"{texts[k]} to {texts[k + 1]}", band == k) for k in range(N_BANDS)]
 
 
-def _split_by_region(columns, size):
-    """[(`upper left`, rows)] of the parts of an image."""
-    at = (columns["measured"][:, :2] + 0.5) * N_IMAGE_REGIONS / np.asarray(size)
-    at = np.clip(at, 0, np.subtract(N_IMAGE_REGIONS, 1)).astype(int)
+def _split_by_region(
+    pixels: np.ndarray, size_px: tuple[int, int]
+) -> list[tuple[str, np.ndarray]]:
+    """Return (`upper left`, mask (n,)) of the parts of an image; pixels: (n, 2 or more)."""
+    cell = (pixels[:, :2] + 0.5) * N_IMAGE_REGIONS / np.asarray(size_px)
+    cell = np.clip(cell, 0, np.subtract(N_IMAGE_REGIONS, 1)).astype(int)
     return [
-        (f"{row} {column}", (at[:, 0] == i) & (at[:, 1] == j))
+        (f"{row} {column}", (cell[:, 0] == i) & (cell[:, 1] == j))
         for j, row in enumerate(REGION_ROWS)
         for i, column in enumerate(REGION_COLUMNS)
     ]
 
 
-def _summarize_group(kind, by, group, columns):
-    """One row; None of too few."""
-    n = len(columns["weight"])
-    if n < MIN_GROUP_SIZE:
-        return None
+def _summarize_group(kind: str, inliers: Columns) -> dict[str, Any]:
+    """Return count, mean and rms of one group; the mean of pixels has two components."""
     unit, scale = printed_unit(kind)
-    value, r = residual_components(columns) * scale, standardize_residuals(columns)
+    value, r = residual_components(inliers) * scale, standardize_residuals(inliers)
     mean = [format_number(v, 2) for v in value.mean(0)]
+    is_plane = len(mean) > 1
     return {
-        "kind": kind,
-        "by": by,
-        "group": group,
-        "n": n,
-        "mean": f"({', '.join(mean)})" if len(mean) > 1 else mean[0],
+        "kind": format_kind(kind),
+        "n": len(inliers["weight"]),
+        "mean": f"({', '.join(mean)})" if is_plane else mean[0],
         "rms": format_number(np.sqrt(np.mean(np.sum(value**2, 1)))),
         "unit": unit,
-        "mean_sigma": format_decimals(np.linalg.norm(r.mean(0)) if len(mean) > 1 else r.mean(), 2),
-        "rms_sigma": float(root_mean_square(r)),
+        "mean_sigma": format_decimals(np.linalg.norm(r.mean(0)) if is_plane else r.mean(), 2),
+        "rms_sigma": root_mean_square(r),
     }
