@@ -18,7 +18,7 @@ from calib.io.atomic_files import atomic_write
 from calib.io.parquet_tables import read_table
 from calib.io.stage_cli import StageArgumentParser, logger, read_json, run_stage, write_json
 from calib.io.table_schemas import FRAMES_SCHEMA, MOCAP_SCHEMA
-from calib.report.page.preflight_text import PreflightRun, format_preflight
+from calib.report.page.preflight_text import format_preflight
 from calib.verdict.preflight_findings import preflight_rig_findings
 from calib.verdict.preflight_json import sensor_visibility_json, target_turns_json
 from calib.verdict.preflight_visibility import PreflightSession, assess_sensor_visibility
@@ -92,7 +92,7 @@ def main(argv: list[str] | None = None) -> None:
         for name, paths in zip(sorted(options["sessions"]), files, strict=True)
     }
     content = preflight_json(sessions, options)
-    lines = format_preflight(options["rig"], content, PreflightRun(options, sessions))
+    lines = format_preflight(options["rig"], content, sessions, options)
     with atomic_write(args.text) as part:
         part.write_text("\n".join(lines) + "\n")
     write_json(args.json, content)

@@ -110,7 +110,7 @@ def test_of_a_pose_that_is_stated_nowhere_the_placements_are_an_upper_bound(copi
     code, found, text, _ = preflight(copied)
     assert code == 0
     assert found["sensors"]["camera"]["placements"] == {"expected": None, "possible": 8}
-    assert "the pose of camera in sim is not stated: it is looked for in the data" in text
+    assert "the pose of camera in sim is not stated: it is estimated from the data" in text
     assert "at most 8" in text
 
 
@@ -121,7 +121,7 @@ def test_of_a_target_whose_mount_is_unknown_the_placements_are_an_upper_bound(co
     assert code == 0
     assert (seen["board"]["expected"], seen["board"]["possible"]) == (None, 4)
     assert (seen["cylinder"]["expected"], seen["cylinder"]["possible"]) == (0, 0)
-    assert "where board sits in its body is not stated: it is looked for in the data" in text
+    assert "the mount of board in its body is not stated: it is estimated from the data" in text
 
 
 def test_without_an_offset_to_find_no_motion_is_asked_for(copied):

@@ -58,7 +58,7 @@ def test_the_terminal_takes_ten_lines_of_110_at_most_for_four_sensors():
     for lines in (told(result, truth), told(result, {}, [f"reason {i}" for i in range(12)])):
         assert len(lines) <= 9
         assert max(map(len, lines)) <= 110
-    assert "and 9 reasons more, in the report" in lines
+    assert "and 9 more reasons, see the report" in lines
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-// Tables that sort by a click on a head, and a page that can be made dark or light.
+// Sorts a table on a click on a column heading, and switches between dark and light.
 (() => {
   const number = (text) => {
     const plain = text.replace(/\u2212/g, "-").replace(/[\u202f\u00a0]/g, "");

@@ -12,7 +12,7 @@ N_CIRCLE_CORNERS = 24
 
 
 def sample_outline_edges(target: Target, n_per_edge: int) -> np.ndarray:
-    """Return points (k, 3), m, target frame, along the straight outline edges; none without edges."""
+    """Return points (k, 3), m, target frame, along the straight outline edges, if it has any."""
     fraction = np.linspace(0, 1, n_per_edge)[:, None]
     return np.reshape([a + fraction * (b - a) for a, b in target.outline_edges()], (-1, 3))
 

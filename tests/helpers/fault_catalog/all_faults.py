@@ -4,7 +4,6 @@ import copy
 import json
 from collections import Counter
 from functools import cache
-from types import SimpleNamespace
 
 import yaml
 
@@ -101,10 +100,9 @@ def _write_fault_config(folder, fault, log, root):
 
 def list_audit_messages(audit):
     """Sentences of log.json, as the report has them."""
-    run = SimpleNamespace(sessions={"sim": SimpleNamespace(audit=audit)})
     out = [
         f"{where}: {words}" if where[0] == "/" else words
-        for where, words in list_log_notes(run, "sim")
+        for where, words in list_log_notes(audit)
     ]
     for name, body in sorted(audit["bodies"].items()):
         out += [f"{name}: {n} × {kind}" for kind, n in sorted(body.get("faults", {}).items())]

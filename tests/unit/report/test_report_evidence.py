@@ -6,9 +6,10 @@ import pytest
 from calib.geometry.se3 import pose_from_rpy
 from calib.io.config import validate_and_complete
 from calib.io.pose_block import pose_json
-from calib.report.sections import verdict_summary
+from calib.report.number_format import format_kind
+from calib.report.sections import verdict
 from calib.report.sections.residuals import KIND_DESCRIPTIONS, printed_unit
-from calib.report.sections.verdict import list_limit_checks
+from calib.report.sections.verdict import LimitCell, list_limit_cells
 from calib.verdict.findings import level_by_limits
 from calib.verdict.rig_verdict import sensor_findings, sigma_findings
 from helpers.report_inputs import (
@@ -43,13 +44,13 @@ def test_estimated_unknowns_are_told(report_files, skip_figures):
     markers = {"T_robot_markers": T, "covariance": np.diag(POSE_SIGMA**2).tolist()}
     report_files.calibration["sessions"]["s1"] = markers
     said = extract_page_text(report_files.render_report())
-    assert "robot markers in s1, in R x 30.0 ± 1.0 mm" in said
+    assert "robot markers in s1, robot frame x 30.0 ± 1.0 mm" in said
     assert "time offset of left 25.000 ± 0.2 ms, from 25 views of targets in motion" in said
-    assert "clock of left in s1 26.000 ± 0.3 ms in its middle, drift 200 ± 20 ppm" in said
+    assert "clock of left in s1 26.000 ± 0.3 ms in the middle, drift 200 ± 20 ppm" in said
     assert "time offset of top not observable: no relative motion" in said
-    assert "alignment of board in its MCS body x 6.0 ± 1.0 mm" in said
+    assert "mount of board in its MCS body x 6.0 ± 1.0 mm" in said
     assert "yaw 1.0000 ± 0.0172 °; σ is 0.25 to 0.95 of its prior" in said
-    assert "nothing tells its turn about z; tilt it to more sides" in said
+    assert "undetermined: its turn about z: tilt it to more sides" in said
 
 
 def test_the_range_error_common_to_all_beams_is_shown_if_sigma_includes_it(
@@ -87,10 +88,7 @@ def test_levels_agree_with_the_judge():
             "placements": 2,
             "leave_one_out": LEAVE_ONE_OUT_JSON | {"error_over_sigma": 3.0},
         }
-        cells = {
-            key: verdict_summary._check_level(value, limits, key, large)
-            for _, _, key, _, value, large in list_limit_checks(sensor)
-        }
+        cells = {cell.key: verdict._check_level(cell, limits) for cell in list_limit_cells(sensor)}
         found = sensor_findings("top", sensor, limits)
         found += sigma_findings("top", sensor, limits, has_misfit=True)
         assert {k: v for k, v in cells.items() if v != "pass"} == {
@@ -102,7 +100,8 @@ def test_levels_agree_with_the_judge():
 def test_a_value_that_is_no_number_fails_for_judge_and_report_alike(large_is_bad):
     key = "sigma_m" if large_is_bad else "placements"
     assert level_by_limits(np.nan, VERDICT_LIMITS, key, large_is_bad) == "fail"
-    assert verdict_summary._check_level(np.nan, VERDICT_LIMITS, key, large_is_bad) == "fail"
+    cell = LimitCell("", "", key, 1.0, np.nan, large_is_bad)
+    assert verdict._check_level(cell, VERDICT_LIMITS) == "fail"
 
 
 @pytest.mark.parametrize(
@@ -125,8 +124,8 @@ def test_every_kind_of_measurement_is_shown(report_files, skip_figures, sensor, 
         report_files.residuals["cos_incidence"][rows] = 0.0
     report_files.calibration["noise"]["sensors"][sensor] = {kind: 0.01}
     page = report_files.render_report()
-    assert f"Residuals of {sensor} {kind} over sigma" in page
-    assert f">{kind}<small>{KIND_DESCRIPTIONS[kind]}" in page
+    assert f"Residuals of {sensor} {format_kind(kind)} over sigma" in page
+    assert f">{format_kind(kind)}<small>{KIND_DESCRIPTIONS[kind]}" in page
     assert printed_unit(kind)[0] == unit
     assert (
         "which are never" in extract_page_text(page) or "never negative" in extract_page_text(page)
@@ -140,7 +139,7 @@ def test_what_did_not_pass_comes_with_what_to_do(report_files, skip_figures):
     report_files.findings = [one | {"sensor": n, "sensors": [n]} for n in ("left", "top")]
     page = report_files.render_report()
     said = extract_page_text(page)
-    assert "Do Look at the overlays." in said
+    assert "To do Look at the overlays." in said
     assert extract_section(page, "diagnostics").count("look at the overlays") == 2
     assert "1.5 × the limit" in extract_section(page, "diagnostics")
 
@@ -176,6 +175,6 @@ def test_suspicions_are_told_with_rivals_effect_and_remedy(report_files, skip_fi
 
 def test_placements_left_out_and_measurements_left_out_are_counted(report_files, skip_figures):
     said = extract_page_text(report_files.render_report())
-    assert "left 2 2 0.57 1.1 3.7 0.021 1 (board) cannot be spared; 0 (board) 1.4 σ" in said
-    assert "board pattern_corner 70 7 (10 %) before the surface" in said
+    assert "left 2 2 0.57 1.1 3.7 0.021 1 (board) no pose without it; 0 (board) 1.4 σ" in said
+    assert "board pattern corner 70 7 (10 %) before the surface" in said
     assert "σ against the number of placements" in said

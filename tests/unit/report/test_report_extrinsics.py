@@ -65,7 +65,7 @@ def test_truth_is_shown_beside_the_results(report_files):
     said = extract_page_text(report_files.render_report())
     # 2 mm along an axis of σ 1 mm: NEES 4.
     assert "error against the truth 2 mm, 0° (0.82 σ, NEES/6 0.67)" in said
-    assert "The truth was given, to this report alone." in said
+    assert "The truth is known; only this report uses it." in said
     assert "dashed outline: by the truth" in said
 
 
@@ -75,10 +75,10 @@ def test_truth_may_be_known_of_one_sensor_alone(report_files, skip_figures):
     assert said.count("error against the truth 0 mm, 0°") == 1
 
 
-def test_a_truth_of_a_sensor_that_the_rig_does_not_use_is_told(report_files, skip_figures):
+def test_a_truth_of_a_sensor_that_the_rig_does_not_use_is_named(report_files, skip_figures):
     report_files.options["truth"] = {"tpo": {"matrix": T_ROBOT_SENSOR["top"].tolist()}}
     said = extract_page_text(report_files.render_report())
-    assert "A truth was given of tpo, which rig robo does not use" in said
+    assert "The rig states the truth of tpo, but rig robo does not use this name" in said
     assert "error against the truth" not in said
 
 

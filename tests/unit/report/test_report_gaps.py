@@ -49,15 +49,17 @@ def test_sensor_without_a_pose_says_what_to_do_and_shows_no_guess(report_files, 
     page = report_files.render_report()
     said = extract_page_text(page)
     assert "1 of 2 sensors calibrated from 1 session; no pose for left." in said
-    assert "Why left: no view &lt;of&gt; a target (found 40 not still; expected 1 or more)." in said
-    assert "Do Record its view." in said
+    assert (
+        "Reason left: no view &lt;of&gt; a target (found 40 not still; expected 1 or more)." in said
+    )
+    assert "To do Record its view." in said
     assert "No pose." in said
     for part in (NO_VIEW.reason, NO_VIEW.found, NO_VIEW.expected, NO_VIEW.remedy):
         assert part in said
     assert "left: no view &lt;of&gt; a target" in page
     guess = report_files.guesses["s1", "left"]["T_robot_sensor"]["xyz_m"]
     assert format_decimals(1e3 * guess[0], 1) not in said
-    assert "No residual: nothing of this sensor reached the solve." in said
+    assert "No residual: no measurement of this sensor reached the solve." in said
     # The other sensor keeps its numbers.
     assert "x, mm 226.0 200.0" in said
 
@@ -87,10 +89,10 @@ def test_nothing_at_all(report_files):
     silent = {"status": status.to_dict(), "frame": "", "messages": 0, "rate_hz": 0.0}
     report_files.audits["s1"]["sensors"] = dict.fromkeys(SENSOR_CONFIGS, silent)
     said = extract_page_text(report_files.render_report())
-    assert "FAIL Found 0 of 2 sensors calibrated" in said
+    assert "FAIL Result 0 of 2 sensors calibrated" in said
     assert "Check `body`." in said
     assert "No round was run." in said
-    assert "Nothing was measured" in said
+    assert "There are no measurements" in said
 
 
 def test_no_session_and_no_sensor(report_files, skip_figures):
@@ -119,12 +121,12 @@ def test_views_without_a_find_are_shown_and_explained(report_files, skip_figures
     assert "4 × 3 inner corners" in said
 
 
-def test_measurements_without_a_member_are_left_out_not_plotted(report_files, skip_figures):
+def test_measurements_without_an_inlier_are_excluded_not_plotted(report_files, skip_figures):
     rows = report_files.residuals["sensor"] == "left"
     report_files.residuals["weight"] = np.where(rows, 0.0, report_files.residuals["weight"])
     said = extract_page_text(report_files.render_report())
-    assert "No measurement is a member" in said
-    assert "not used: 2 no measurement was a member of the solution" in said
+    assert "No measurement is an inlier" in said
+    assert "not used: 2 no measurement is an inlier" in said
 
 
 def test_sessions_may_use_different_sensors(report_files, skip_figures):
@@ -137,7 +139,7 @@ def test_sessions_may_use_different_sensors(report_files, skip_figures):
     rows["session"] = np.full(len(rows["view"]), "s0")
     report_files.residuals = concatenate_columns([report_files.residuals, rows], RESIDUALS_SCHEMA)
     page = report_files.render_report()
-    assert "A line parts the sessions" in page
+    assert "Vertical lines separate the sessions" in page
     assert "Session s0" in page
     assert "s0, view" in page
 
@@ -145,7 +147,7 @@ def test_sessions_may_use_different_sensors(report_files, skip_figures):
 @pytest.mark.parametrize("most", [0, 1, 2])
 def test_overlays_are_limited(report_files, skip_figures, most):
     report_files.options["report"]["max_overlays"] = most
-    shown = extract_section(report_files.render_report(), "gallery")
+    shown = extract_section(report_files.render_report(), "extraction")
     assert shown.count('class="photo"') == most
     assert shown.count(" over the target but not used") == most
 
@@ -154,7 +156,7 @@ def test_a_typical_view_is_shown_beside_the_worst(report_files, skip_figures):
     report_files.options["report"]["max_overlays"] = 1
     page = report_files.render_report()
     worst, typical = (
-        extract_page_text(extract_section(page, name)) for name in ("gallery", "overlays")
+        extract_page_text(extract_section(page, name)) for name in ("extraction", "overlays")
     )
     assert "s1, view 0: board, placement 0" in worst.split(" top ")[0]
     assert "A typical view of each sensor" in typical
@@ -194,5 +196,5 @@ def test_worst_views_come_first_and_every_target_is_among_them(report_files):
     least = (report_files.residuals["sensor"] == "top") & (report_files.residuals["placement"] == 2)
     report_files.residuals["value"][least] *= 0.1
     args = parse_report_arguments(report_files.write_inputs())
-    chosen = select_overlay_views(read_report_run(args), "top", 2)
-    assert [view for _, view, _ in chosen] == [1, 2]
+    views = select_overlay_views(read_report_run(args), "top", 2)
+    assert [v.view for v in views] == [1, 2]

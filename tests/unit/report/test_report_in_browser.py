@@ -50,7 +50,8 @@ def test_a_request_that_leaves_and_an_error_would_be_noticed(browser, tmp_path):
 
 def test_every_image_is_decoded(opened):
     """Those inside of SVG are decoded one by one; a broken one would reject."""
-    count = opened.evaluate_js("""Promise.all([...document.querySelectorAll("svg image")].map((image) => {
+    count = opened.evaluate_js("""Promise.all(
+    [...document.querySelectorAll("svg image")].map((image) => {
       const copy = new Image();
       copy.src = image.href.baseVal;
       return copy.decode().then(() => copy.naturalWidth);

@@ -19,20 +19,21 @@ from calib.report.number_format import (
     format_decimals,
     format_number,
 )
+from calib.report.page.report_context import PAGE_SECTIONS
 from helpers.report_inputs import extract_page_text, remove_plotly
-from report import FIGURE_COLUMNS, PAGE_SECTIONS
+from report import FIGURE_COLUMNS
 
 
 def test_sections_come_in_order(good_report_page):
     found = re.findall(r"<h2>(\d+) ([^<]*)<", good_report_page)
-    assert found == [(str(i), h) for i, (_, h) in enumerate(PAGE_SECTIONS, 1)]
+    assert found == [(str(i), name.capitalize()) for i, name in enumerate(PAGE_SECTIONS, 1)]
     assert len(found) == 15
 
 
 @pytest.mark.parametrize(
     "said",
     [
-        "PASS Found 2 of 2 sensors calibrated from 1 session.",
+        "PASS Result 2 of 2 sensors calibrated from 1 session.",
         "warn above 5 fail above 20",
         "board 2.0 m away, its face turned 40° left as the sensor sees it 2.4 mm 1.6 mm",
         "roll, ° −90.0000 −90.0000 0.0057 0.0000",
@@ -41,20 +42,20 @@ def test_sections_come_in_order(good_report_page):
         "4 of 100 cells of the image",
         "4 of 36 sectors of azimuth, elevation −18 to 2.3°",
         "placements 12",
-        "observations 34",
+        "views 34",
         "rejected 5 %",
         "residual rms 12.3 mm",
         "residual rms 0.0123 px",
-        "change from the first guess 50 mm, 2°",
+        "change from the initial guess 50 mm, 2°",
         "least certain: translation along z of the robot body, σ 3 mm",
-        "the point (1, 0, 0) m of top lies at (1.0660, 0.4500, 0.6000) m in the robot frame",
+        "the point (1, 0, 0) m of top is at (1.0660, 0.4500, 0.6000) m in the robot frame",
         "T_left_top",
         "Not estimated: time offset of left, intrinsics of left, time offset of top, "
-        "alignment of board in its MCS body, alignment of pipe in its MCS body.",
+        "mount of board in its MCS body, mount of pipe in its MCS body.",
         "3 × repeated",
         "not kept: 1 not still",
-        "widened by a factor of 1.25",
-        "left pattern_corner 0.05 0.04 px 0.8",
+        "poses were multiplied by 1.25",
+        "left pattern corner 0.05 0.04 px 0.8",
         "s1, view 0: board, placement 0",
         "s1.mcap 123456 00ffab",
         "numpy 2.4.6",

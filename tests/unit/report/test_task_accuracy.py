@@ -12,15 +12,15 @@ from calib.report.data.run_loader import read_report_run
 from calib.report.figures.scene_3d_data import collect_scene_sensors, scene_3d_json
 from calib.report.overlays.lidar_on_image import draw_lidar_on_images
 from calib.report.sections.diagnostics import tabulate_diagnostics
-from calib.report.sections.extrinsics import list_sensor_pairs
 from calib.report.sections.observability import tabulate_observability
-from calib.report.sections.residual_splits import tabulate_residual_splits
 from calib.report.sections.pairs import (
     TASK_RANGES_M,
+    list_sensor_pairs,
     point_uncertainty_m,
     projection_uncertainty_px,
     tabulate_task_accuracy,
 )
+from calib.report.sections.residual_splits import tabulate_residual_splits
 from calib.sensors.sensor_models import camera_from_config
 from helpers.report_inputs import (
     CAMERA_CONFIG,
@@ -59,7 +59,7 @@ def test_pixels_are_those_of_points_moved_by_draws_of_the_pose():
         invert_pose(T_ROBOT_SENSOR["top"]) @ T_ROBOT_SENSOR["left"],
     )
     rng = np.random.default_rng(4)
-    uv, sigma = projection_uncertainty_px(model, T_s_c, np.diag(POSE_SIGMA**2), 5.0)
+    uv, sigma = projection_uncertainty_px(model, np.diag(POSE_SIGMA**2), 5.0)
     for k in (0, 70, 191):
         ray, _ = model.unproject(uv[k : k + 1])
         p_s = transform_points(T_s_c, 5.0 * ray)
@@ -77,7 +77,7 @@ def test_every_pair_is_told_in_mm_and_with_a_camera_in_px(report_files, skip_fig
     assert mm == sorted(mm) and 3.6 < mm[0] < 4.0 and 7.2 < mm[3] < 8.2
     assert [c for c, _ in row["px"]] == ["left"]
     assert f"left – top {' '.join(row['mm'])}" in extract_page_text(
-        extract_section(report_files.render_report(), "between")
+        extract_section(report_files.render_report(), "pairs")
     )
     assert all(float(worst) >= float(middle) > 0 for middle, worst in row["px"][0][1])
 
@@ -85,8 +85,8 @@ def test_every_pair_is_told_in_mm_and_with_a_camera_in_px(report_files, skip_fig
 def test_the_least_certain_direction_comes_first_with_what_to_record_next(report_files):
     run = read(report_files)
     row = next(r for r in tabulate_observability(run) if r["name"] == "top")
-    assert row["six"][0] == ("translation along z of the robot body", "3 mm")
-    assert row["six"][-1][1].endswith("°")
+    assert row["principal_directions"][0] == ("translation along z of the robot body", "3 mm")
+    assert row["principal_directions"][-1][1].endswith("°")
     assert row["advice"] == "Tilt the board."
 
 
@@ -148,7 +148,7 @@ def test_points_of_the_3d_view_lie_on_the_targets_by_the_result_and_beside_by_th
 def test_returns_are_drawn_on_the_image_of_the_same_placement_by_guess_and_result(report_files):
     (pair,) = draw_lidar_on_images(read(report_files))
     assert pair["name"] == "top on left"
-    assert [title for title, _ in pair["views"]] == ["by the first guesses", "by the result"]
+    assert [title for title, _ in pair["views"]] == ["by the initial guesses", "by the result"]
     assert "300 returns in the image" in pair["views"][1][1].caption
 
 
@@ -157,7 +157,7 @@ def test_without_a_common_placement_it_is_said_that_the_motion_capture_alone_lin
 ):
     rows = (report_files.residuals["sensor"] != "left") | (report_files.residuals["placement"] == 9)
     report_files.residuals = select_rows(report_files.residuals, rows)
-    assert "rests on the motion capture alone" in extract_page_text(
+    assert "depends on the motion capture alone" in extract_page_text(
         extract_section(report_files.render_report(), "overlays")
     )
 
@@ -189,7 +189,7 @@ def test_views_that_told_nothing_are_diagnosed_with_their_share(report_files, sk
     rows = report_files.residuals["sensor"] == "left"
     report_files.residuals["weight"] = np.where(rows, 0.0, report_files.residuals["weight"])
     said = extract_page_text(extract_section(report_files.render_report(), "diagnostics"))
-    assert "no measurement was a member of the solution 2 of 2 kept views" in said
+    assert "no measurement is an inlier 2 of 2 kept views" in said
 
 
 def test_only_what_differs_from_the_defaults_is_told_of_the_settings(report_files, skip_figures):
@@ -209,5 +209,5 @@ def test_a_turn_that_nobody_can_see_is_not_asked_for(report_files, skip_figures)
         "undetermined": [],
     }
     said = extract_page_text(report_files.render_report())
-    assert "σ is 0.25 to 0.25 of its prior; the turn about x of the target does not matter" in said
+    assert "σ is 0.25 to 0.25 of its prior; its rotation about x does not matter" in said
     assert "tilt it to more sides" not in said

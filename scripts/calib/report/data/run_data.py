@@ -111,9 +111,7 @@ class ReportRun:
         """Return the sensors whose truth is stated, but that are not in the calibration."""
         return sorted(set(self.options.get("truth", {})) - set(self.sensors))
 
-    def T_robot_target(
-        self, session: str, placement: int, use_config: bool = False
-    ) -> np.ndarray:
+    def T_robot_target(self, session: str, placement: int, use_config: bool = False) -> np.ndarray:
         """Return the mean pose (4, 4) of the target of a placement in the robot frame."""
         placements = self.sessions[session].placements
         row = np.flatnonzero(np.asarray(placements["placement"]) == placement)[0]
@@ -146,6 +144,14 @@ class ReportRun:
             return np.array(estimate["T_body_target"]["matrix"])
         config = self.options["targets"][target].get("T_body_target")
         return pose_from_config(config) if config else np.eye(4)
+
+
+def shown_pose(poses: dict[str, np.ndarray | None]) -> np.ndarray:
+    """Return the result of ReportRun.T_sensor_target, or the initial guess without a result."""
+    pose = poses["result"] if poses["result"] is not None else poses["guess"]
+    if pose is None:
+        raise ValueError("a view has neither a result nor an initial guess")
+    return pose
 
 
 def _split_by_sensor(residuals: Columns) -> dict[str, dict[str, Columns]]:

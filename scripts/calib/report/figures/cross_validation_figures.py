@@ -69,7 +69,9 @@ def draw_placement_influence(run: ReportRun, sensor: str) -> Drawing | None:
     fig, ax = create_figure()
     x = np.arange(len(rows))
     shift = np.array([np.nan if r.influence is None else r.influence for r in rows])
-    error = np.sqrt([np.nan if r.nees_per_direction is None else r.nees_per_direction for r in rows])
+    error = np.sqrt(
+        [np.nan if r.nees_per_direction is None else r.nees_per_direction for r in rows]
+    )
     ax.bar(x, shift, color=BLUE, alpha=0.75, width=0.7, label="shift of the pose, σ")
     ax.plot(x, error, "o", ms=4, color=ORANGE, label="error, σ")
     ax.axhline(1, color=MUTED_COLOR, lw=0.8, ls="--")

@@ -1,5 +1,7 @@
 """Timing of the messages of all sensors: intervals between stamps, and delay of the log time."""
 
+from typing import Any
+
 import numpy as np
 
 from calib.geometry.units import MS_PER_S, NS_PER_S
@@ -30,7 +32,13 @@ def draw_message_timing(run: ReportRun, session: str) -> Drawing | None:
         delay_ms = (log_times_ns - stamps_ns) / NS_PER_S * MS_PER_S
         all_delays_ms.append(delay_ms)
         every = len(stamps_ns) // MAX_POINTS + 1
-        style = {"ms": 2.4, "mew": 0, "color": color, "alpha": 0.8, "rasterized": True}
+        style: dict[str, Any] = {
+            "ms": 2.4,
+            "mew": 0,
+            "color": color,
+            "alpha": 0.8,
+            "rasterized": True,
+        }
         relative = step_ns[::every] / max(np.median(step_ns), 1)
         intervals.plot(x[1::every], relative, ".", **style)
         delays.plot(x[::every], delay_ms[::every], ".", label=name, **style)

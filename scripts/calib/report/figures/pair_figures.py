@@ -1,5 +1,7 @@
 """σ, in px, of a point of another sensor over the image of each camera."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -18,9 +20,10 @@ from calib.report.sections.pairs import PairCamera, list_pair_cameras, projectio
 
 MAP_DISTANCE_M = 10.0
 MAX_PANELS_PER_ROW = 3
+CONTOUR_STYLE: dict[str, Any] = {"colors": [BLUE], "linewidths": 1.1}
 
 
-def draw_pixel_sigma_maps(run: ReportRun, pairs: list[dict]) -> list[Drawing]:
+def draw_pixel_sigma_maps(run: ReportRun, pairs: list[dict[str, Any]]) -> list[Drawing]:
     """Draw a map per camera and other sensor, up to MAX_PANELS_PER_ROW in each drawing."""
     cameras = [camera for pair in pairs for camera in list_pair_cameras(run, pair)]
     cameras.sort(key=lambda c: (c.camera, c.other))
@@ -52,7 +55,8 @@ def _plot_sigma_map(ax: Axes, camera: PairCamera) -> None:
     """Plot lines of equal σ over one image."""
     pixels, sigma = projection_uncertainty_px(camera.model, camera.covariance, MAP_DISTANCE_M)
     if len(sigma) > 3 and np.ptp(sigma) > 1e-9 * sigma.max():
-        lines = ax.tricontour(*pixels.T, sigma, levels=5, colors=[BLUE], linewidths=1.1)
+        u, v = pixels.T
+        lines = ax.tricontour(u, v, sigma, levels=5, **CONTOUR_STYLE)
         ax.clabel(lines, fontsize=6.5, colors=[INK_COLOR], fmt=lambda v: format_number(v, 3))
     if len(sigma):
         ax.plot(*pixels[sigma.argmax()], "x", ms=5, color=INK_COLOR, clip_on=False)

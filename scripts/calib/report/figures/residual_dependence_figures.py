@@ -1,6 +1,6 @@
 """Figures of residuals against what they may depend on: ring, range, incidence, image position."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,7 @@ N_IMAGE_CELLS = (8, 6)  # columns and rows
 BAR_QUANTILES = (0.16, 0.5, 0.84)
 MAX_VECTOR_STROKES = 400  # more strokes are drawn as pixels
 ONE_SIGMA_BAND = (-1, 1)
-QUIVER_TO_SCALE = {"angles": "xy", "scale_units": "xy", "scale": 1}
+QUIVER_TO_SCALE: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1}
 STROKE_STYLE = QUIVER_TO_SCALE | {
     "width": 0.002,
     "color": GREY,
@@ -138,9 +138,7 @@ def _draw_dependence(sensor: str, plot: DependencePlot) -> Drawing:
     )
 
 
-def draw_residual_vectors(
-    sensor: str, inliers: list[Columns], size_px: tuple[int, int]
-) -> Drawing:
+def draw_residual_vectors(sensor: str, inliers: list[Columns], size_px: tuple[int, int]) -> Drawing:
     """Draw the residuals over the image: each of them, and the mean of each cell."""
     pixels = np.concatenate([c["measured"][:, :2] for c in inliers])
     value = np.concatenate([c["value"] for c in inliers])

@@ -126,7 +126,7 @@ def draw_residual_histogram(sensor: str, kind: str, inliers: Columns) -> Drawing
     fig, ax = create_figure()
     counts, edges = np.histogram(r, np.linspace(low, limit, N_BINS))
     ax.stairs(counts, edges, fill=True, color=GREEN, alpha=0.75)
-    mean = np.mean(r)
+    mean = float(np.mean(r))
     ax.axvline(mean, color=INK_COLOR, lw=1, label=f"mean {format_number(mean, 2)} {unit}")
     title = f"{sensor}, {format_kind(kind)}: in {unit}"
     ax.set(xlabel=f"residual, {unit}", ylabel="count", title=title)

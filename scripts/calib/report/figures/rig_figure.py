@@ -1,4 +1,4 @@
-"""The rig as calibrated: positions and viewing directions of the sensors, and the σ of their poses."""
+"""The rig as calibrated: positions and viewing directions of its sensors, and σ of their poses."""
 
 from typing import NamedTuple
 
@@ -119,7 +119,7 @@ def _plot_names(ax: Axes, origins: dict[str, np.ndarray]) -> None:
         for k, name in enumerate(sorted(names, key=lambda n: origins[n][0])):
             ax.annotate(
                 name,
-                origins[name],
+                tuple(origins[name]),
                 xytext=(0, side * (8 + 9 * (k % 4))),
                 textcoords="offset points",
                 arrowprops=line,

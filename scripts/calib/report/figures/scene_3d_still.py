@@ -78,8 +78,10 @@ def _plot_sensor(ax: Axes, sensor: SceneSensor, T: np.ndarray | None) -> np.ndar
         ax.plot(*_project_points(transform_points(T, line)).T, color=INK_COLOR, lw=0.9)
     every = len(sensor.inlier_points) // MAX_POINTS + 1
     points = _project_points(transform_points(T, sensor.inlier_points[::every]))
+    x, y = points.T
     ax.scatter(
-        *points.T,
+        x,
+        y,
         c=sensor.standardized_residuals[::every],
         s=2,
         cmap=RESIDUAL_COLORMAP,

@@ -42,11 +42,13 @@ def draw_session_timeline(run: ReportRun, session: str) -> Drawing | None:
     for y, (target, sensor) in enumerate(rows):
         if sensor is None:
             starts, durations = intervals[target][:, 0] - start_ns, np.diff(intervals[target])[:, 0]
-            spans = np.column_stack([starts, durations]) / NS_PER_S
+            spans = list(zip(starts / NS_PER_S, durations / NS_PER_S, strict=True))
             ax.broken_barh(spans, (y - 0.3, 0.6), color=BLUE, alpha=0.55, lw=0)
         else:
             used = run.used_views_by_stream.get((session, sensor), set())
-            _plot_frame_strokes(ax, y, _select_target(streams[sensor].views, target, start_ns), used)
+            _plot_frame_strokes(
+                ax, y, _select_target(streams[sensor].views, target, start_ns), used
+            )
     ax.yaxis.set_ticks(range(len(rows)), labels)
     ax.set(ylim=(len(rows) - 0.5, -0.5), xlabel="time from the first message shown, s")
     ax.set_xlim(0, max((end_ns - start_ns) / NS_PER_S, 1e-3))

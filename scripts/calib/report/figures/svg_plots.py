@@ -5,6 +5,7 @@ import itertools
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any, cast
 
 import cv2
 import matplotlib
@@ -107,9 +108,10 @@ def create_figure(
 
 def apply_report_style() -> None:
     """Set the style of Matplotlib to MATPLOTLIB_STYLE alone. It is slow, so only if needed."""
-    if any(matplotlib.rcParams[k] != v for k, v in MATPLOTLIB_STYLE.items()):
+    parameters = cast(dict[str, Any], matplotlib.rcParams)
+    if any(parameters[k] != v for k, v in MATPLOTLIB_STYLE.items()):
         matplotlib.rcdefaults()
-        matplotlib.rcParams.update(MATPLOTLIB_STYLE)
+        parameters.update(MATPLOTLIB_STYLE)
 
 
 def create_panels(
@@ -195,7 +197,7 @@ def encode_figure_svg(fig: Figure, name: str, label: str) -> str:
 
 
 def _remove_empty_groups(svg: str) -> str:
-    """Remove <g> elements without attributes, which are half of all elements, but not their content."""
+    """Remove the tags of groups without attributes, which are half of all elements."""
     has_attributes: list[bool] = []  # of the open groups
     parts = []
     svg = re.sub(r"<g\b[^>]*/>", "", svg)
@@ -224,9 +226,7 @@ def encode_for_paper(drawing: Drawing) -> tuple[str, bytes]:
 def tile_drawings(drawings: Sequence[Drawing], n_columns: int) -> str:
     """Return an SVG file, as text, of drawings in rows of n_columns."""
     number = r"([\d.]+)"
-    boxes = [
-        re.findall(rf'viewBox="[\d.]+ [\d.]+ {number} {number}"', d.svg)[0] for d in drawings
-    ]
+    boxes = [re.findall(rf'viewBox="[\d.]+ [\d.]+ {number} {number}"', d.svg)[0] for d in drawings]
     sizes = np.reshape([[float(w), float(h)] for w, h in boxes], (-1, 2))
     parts, top, total_width = [], 0.0, 1.0
     for i in range(0, len(drawings), n_columns):

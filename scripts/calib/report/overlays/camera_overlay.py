@@ -41,7 +41,7 @@ class ProjectedTarget(NamedTuple):
 
 
 class ResidualArrows(NamedTuple):
-    """Magnified residuals: start and end pixel (n, 2, 2), and the magnification, None without any."""
+    """Magnified residuals: start and end pixel (n, 2, 2), and the factor, None without any."""
 
     lines: np.ndarray
     gain: float | None

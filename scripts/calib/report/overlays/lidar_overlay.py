@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
 from calib.geometry.se3 import invert_pose, transform_points
 from calib.geometry.units import MM_PER_M
-from calib.report.data.run_data import Columns, ReportRun
+from calib.report.data.run_data import Columns, ReportRun, shown_pose
 from calib.report.figures import svg_plots
 from calib.report.figures.svg_plots import (
     BLUE,
@@ -53,7 +53,7 @@ def draw_lidar_overlay(
     points = np.asarray(view["xyz"], float).reshape(-1, 3)
     measured = [c for k, c in residuals.items() if RESIDUAL_KINDS[k].UNIT == "m"]
     points_by_mark = classify_overlay_points(points, poses, measured, target)
-    T_sensor_target = poses["result"] if poses["result"] is not None else poses["guess"]
+    T_sensor_target = shown_pose(poses)
     crossings = np.zeros((0, 3))
     if len(target.outline_edges()):
         rays = _crossing_rays(run.sessions[session].streams[sensor].keypoints, view["view"])
@@ -88,8 +88,7 @@ def classify_overlay_points(
     """
     marks = dict.fromkeys(MARK_STYLES, np.zeros((0, 3)))
     T_result = poses["result"]
-    T_sensor_target = T_result if T_result is not None else poses["guess"]
-    other = transform_points(invert_pose(T_sensor_target), points)
+    other = transform_points(invert_pose(shown_pose(poses)), points)
     distance = np.linalg.norm(other - target.centre, axis=1)
     marks["other"] = other[distance < MAX_OTHER_RADIUS * target.bounding_radius]
     if not measured:
@@ -120,7 +119,7 @@ def _crossing_rays(keypoints: Columns, view: int) -> np.ndarray:
 
 
 def _intersect_target_plane(T_target_sensor: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """Return the points where unit rays (n, 3), sensor frame, meet the plane z = 0 of the target."""
+    """Return the intersections of unit rays (n, 3), sensor frame, with z = 0 of the target."""
     origin, beam = T_target_sensor[:3, 3], rays @ T_target_sensor[:3, :3].T
     beam = beam[np.abs(beam[:, 2]) > 1e-6]
     return origin - beam * (origin[2] / beam[:, 2])[:, None]
@@ -144,7 +143,9 @@ def _draw_projection(
     """Draw the outline and the points of one projection."""
     is_magnified = projection.half_height_mm is not None
     scale = np.array([1.0, MM_PER_M if is_magnified else 1.0])
-    outline_style = {"ls": "-"} if projection.has_line else {"ls": "none", "marker": "."}
+    outline_style: dict[str, Any] = (
+        {"ls": "-"} if projection.has_line else {"ls": "none", "marker": "."}
+    )
     ax.plot(*(projection.outline * scale).T, color=BLUE, lw=1.6, ms=1.5, **outline_style)
     for mark, style in MARK_STYLES.items():
         points = projection.project(points_by_mark[mark]) * scale

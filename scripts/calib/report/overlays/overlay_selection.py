@@ -108,9 +108,7 @@ def _sort_worst_first(views: list[ScoredView]) -> list[ScoredView]:
     return sorted(views, key=lambda v: (-(v.score or 0.0), v.session, v.view))
 
 
-def _order_targets_first(
-    run: ReportRun, sensor: str, views: list[ScoredView]
-) -> list[ScoredView]:
+def _order_targets_first(run: ReportRun, sensor: str, views: list[ScoredView]) -> list[ScoredView]:
     """Put the worst view of each target before all others; views: the worst first."""
     targets: set[str] = set()
     first: list[ScoredView] = []

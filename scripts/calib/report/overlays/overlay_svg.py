@@ -77,8 +77,8 @@ def svg_path(points: np.ndarray, is_closed: bool = False) -> str:
 
 def svg_crosses(points: np.ndarray, radius: float, is_diagonal: bool) -> str:
     """Return the path data of a cross at each point (n, 2): + or ×."""
-    a, b = ((1, 1), (1, -1)) if is_diagonal else ((1, 0), (0, 1))
-    a, b = radius * np.array(a), radius * np.array(b)
+    strokes = ((1, 1), (1, -1)) if is_diagonal else ((1, 0), (0, 1))
+    a, b = radius * np.array(strokes)
     return "".join(
         svg_path(np.array([p - a, p + a])) + svg_path(np.array([p - b, p + b])) for p in points
     )

@@ -1,5 +1,6 @@
 """The preflight of a rig as lines for the terminal: recordings, visibility, then the verdict."""
 
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 from calib.report.data.run_data import Columns
@@ -29,7 +30,7 @@ UNKNOWN_POSE_NOTE = "is not stated: it is estimated from the data; all placement
 def format_preflight(
     rig: str,
     preflight: dict[str, Any],
-    sessions: dict[str, AuditedSession],
+    sessions: Mapping[str, AuditedSession],
     options: dict[str, Any],
 ) -> list[str]:
     """Return the lines on the sessions of a rig, what its sensors see, and the verdict.
@@ -81,7 +82,7 @@ def list_unknown_poses(preflight: dict[str, Any]) -> list[str]:
     for sensor, block in preflight["sensors"].items():
         for session, visibility in block["sessions"].items():
             for target, counts in visibility["targets"].items():
-                if visibility["pose_from"] == "none":
+                if visibility["pose_source"] == "none":
                     sensor_notes[f"the pose of {sensor} in {session} {UNKNOWN_POSE_NOTE}"] = None
                 elif counts["expected"] is None:
                     target_notes[f"the mount of {target} in its body {UNKNOWN_POSE_NOTE}"] = None
@@ -94,8 +95,8 @@ def format_placement_table(preflight: dict[str, Any]) -> list[str]:
     for sensor, block in preflight["sensors"].items():
         for session, visibility in block["sessions"].items():
             for target, counts in visibility["targets"].items():
-                lost = ", ".join(f"{n} {reason}" for reason, n in counts["lost"].items())
-                n_still, n_moving = str(counts["placements"]), str(counts["views_in_motion"])
+                lost = ", ".join(f"{n} {reason}" for reason, n in counts["not_visible"].items())
+                n_still, n_moving = str(counts["placements"]), str(counts["moving_views"])
                 visible = _format_count_range(counts)
                 rows.append([sensor, session, target, n_still, visible, n_moving, lost])
             if not visibility["targets"]:
@@ -108,10 +109,10 @@ def format_sensor_table(preflight: dict[str, Any]) -> list[str]:
     """Return a table of the visible placements of each sensor, and how their directions differ."""
     rows = [["sensor", "visible", "angle between boards", "between cylinders", "moving views"]]
     for name, block in preflight["sensors"].items():
-        angles = [block["tilt_deg"].get(k) for k in ("normals", "axes")]
+        angles = [block["direction_spread_deg"].get(k) for k in ("normals", "axes")]
         texts = [DASH if angle is None else f"{angle:.0f}°" for angle in angles]
         visible = _format_count_range(block["placements"])
-        rows.append([name, visible, *texts, str(block["views_in_motion"])])
+        rows.append([name, visible, *texts, str(block["moving_views"])])
     return align_columns(rows)
 
 
@@ -119,7 +120,7 @@ def format_rotation_table(preflight: dict[str, Any]) -> list[str]:
     """Return a table of the rotations of each target relative to the robot."""
     rows = [["target", "still", "rotations about its three main axes, rms"]]
     for name, block in preflight["targets"].items():
-        angles = [f"{angle:.0f}°" for angle in block["turns_deg"] or ()]
+        angles = [f"{angle:.0f}°" for angle in block["rotation_spread_deg"] or ()]
         rows.append([name, str(block["placements"]), ", ".join(angles) or DASH])
     return align_columns(rows)
 

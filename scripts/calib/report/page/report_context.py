@@ -188,8 +188,6 @@ def build_overlays_context(run: ReportRun) -> Context:
             {"name": n, "kind": kind, "views": draw_worst_overlays(run, n)}
             for n, kind in kinds.items()
         ],
-        "typical_overlays": [
-            {"name": n, "views": draw_typical_overlay(run, n)} for n in kinds
-        ],
+        "typical_overlays": [{"name": n, "views": draw_typical_overlay(run, n)} for n in kinds],
         "lidar_on_image_overlays": draw_lidar_on_images(run),
     }

@@ -8,7 +8,7 @@ import numpy as np
 from calib.geometry.se3 import transform_points
 from calib.io.parquet_tables import concatenate_columns
 from calib.io.table_schemas import RESIDUALS_SCHEMA
-from calib.report.data.run_data import Columns, ReportRun
+from calib.report.data.run_data import Columns, ReportRun, shown_pose
 from calib.report.number_format import DASH, format_count, format_number
 from calib.report.sections.residuals import group_rows_by_pair, inliers_in_unit
 from calib.targets.target_shapes import target_from_config
@@ -56,8 +56,7 @@ def transform_residual_points(run: ReportRun, sensor: str, residuals: Columns) -
     for rows in group_rows_by_pair(residuals["session"], residuals["placement"]):
         session = str(residuals["session"][rows[0]])
         poses = run.T_sensor_target(sensor, session, int(residuals["placement"][rows[0]]))
-        T_sensor_target = poses["result"] if poses["result"] is not None else poses["guess"]
-        points[rows] = transform_points(T_sensor_target, residuals["measured"][rows])
+        points[rows] = transform_points(shown_pose(poses), residuals["measured"][rows])
     return points
 
 
@@ -98,7 +97,7 @@ def tabulate_view_coverage(
 ) -> dict[str, Any]:
     """Return the row of one sensor in the table of coverage."""
     block = run.sensors[sensor]
-    row = {k: format_count(block[k]) for k in ("placements", "observations")}
+    row: dict[str, Any] = {k: format_count(block[k]) for k in ("placements", "observations")}
     row |= {"name": sensor, "has_inliers": coverage is not None}
     if coverage is None:
         return row

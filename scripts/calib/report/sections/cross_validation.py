@@ -81,7 +81,10 @@ def _format_pose_shift(sensor: str, shift: dict[str, float]) -> str:
 def tabulate_session_repeatability(run: ReportRun) -> list[dict[str, Any]]:
     """Return one row per session and sensor: the pose of that session against the others."""
     moved_sensors = {
-        name for f in run.verdict["findings"] if f["check"] == "sensor_moved" for name in f["sensors"]
+        name
+        for f in run.verdict["findings"]
+        if f["check"] == "sensor_moved"
+        for name in f["sensors"]
     }
     rows = []
     for block in run.calibration["repeatability"]:
@@ -96,8 +99,8 @@ def tabulate_session_repeatability(run: ReportRun) -> list[dict[str, Any]]:
             ("deg", slice(3, 6), DEG_PER_RAD),
         ):
             shift, sigma = np.asarray(block["shift"][part]), np.asarray(block["sigma"][part])
-            row[key] = format_number(np.linalg.norm(shift * scale), 2)
-            row[f"sigma_{key}"] = format_number(np.linalg.norm(sigma * scale), 2)
+            row[key] = format_number(float(np.linalg.norm(shift * scale)), 2)
+            row[f"sigma_{key}"] = format_number(float(np.linalg.norm(sigma * scale)), 2)
         rows.append(row)
     return rows
 
@@ -173,7 +176,9 @@ def tabulate_rejected_regions(run: ReportRun, sensor: str) -> list[dict[str, Any
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     for block in run.sensors[sensor]["rejected_by_region"]:
         key = block["target"], block["kind"]
-        row = rows.setdefault(key, {"n_measurements": format_count(block["n_measurements"]), "regions": []})
+        row = rows.setdefault(
+            key, {"n_measurements": format_count(block["n_measurements"]), "regions": []}
+        )
         share = format_percent(block["count"] / max(block["n_measurements"], 1))
         row["regions"].append((format_count(block["count"]), share, block["region"]))
     return [

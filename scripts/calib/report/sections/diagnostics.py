@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.geometry.units import MM_PER_M, DEG_PER_RAD
+from calib.geometry.units import DEG_PER_RAD, MM_PER_M
 from calib.report.data.run_data import ReportRun
 from calib.report.number_format import DASH, format_count, format_number, format_plural
 from calib.verdict.findings import VERDICT_LEVELS
@@ -30,19 +30,19 @@ def tabulate_diagnostics(
 
 def _rank_finding(run: ReportRun, finding: dict[str, Any]) -> tuple[float, str]:
     """Return the cost of a finding, in multiples of its limit, as number and as text."""
-    check, value, limit = (finding[k] for k in ("check", "value", "limit"))
+    check, ratio = finding["check"], finding["ratio"]
     if check == "status":
         return float("inf"), f"the pose of {', '.join(finding['sensors'])}"
     if check == "suspected_error":
         return _rank_suspected_error(run, finding)
     if check == "sensor_moved":
         return _rank_session_move(run, finding)
-    if value is None or not limit:
+    if ratio is None:
         return 1.0, DASH
     if check in LOWER_LIMIT_CHECKS:
-        percent = format_number(100 * value / limit, 2)
-        return limit / max(value, 1e-9), f"{percent} % of the limit"
-    return value / limit, f"{format_number(value / limit, 2)} × the limit"
+        percent = format_number(100 * finding["value"] / finding["limit"], 2)
+        return ratio, f"{percent} % of the limit"
+    return ratio, f"{format_number(ratio, 2)} × the limit"
 
 
 def _rank_suspected_error(run: ReportRun, finding: dict[str, Any]) -> tuple[float, str]:
@@ -58,12 +58,16 @@ def _rank_suspected_error(run: ReportRun, finding: dict[str, Any]) -> tuple[floa
     sigmas, sensor, shift = max(shifts, key=lambda item: item[0])
     mm = format_number(shift["m"] * MM_PER_M, 2)
     deg = format_number(shift["rad"] * DEG_PER_RAD, 2)
-    return sigmas / run.verdict["limits"].get("warn_error_moves_pose_sigma", 1.0), f"{mm} mm, {deg}° of {sensor}"
+    return sigmas / run.verdict["limits"].get(
+        "warn_error_moves_pose_sigma", 1.0
+    ), f"{mm} mm, {deg}° of {sensor}"
 
 
 def _rank_session_move(run: ReportRun, finding: dict[str, Any]) -> tuple[float, str]:
     """Return the largest shift of a sensor between sessions, over the limit of the position σ."""
-    shifts = [r["shift"] for r in run.calibration["repeatability"] if r["sensor"] in finding["sensors"]]
+    shifts = [
+        r["shift"] for r in run.calibration["repeatability"] if r["sensor"] in finding["sensors"]
+    ]
     shift_m = max((float(np.linalg.norm(shift[:3])) for shift in shifts), default=0.0)
     cost = f"{format_number(shift_m * MM_PER_M, 2)} mm between sessions"
     return shift_m / run.verdict["limits"]["warn_sigma_m"], cost
@@ -83,15 +87,15 @@ def tabulate_lost_views(
     for (sensor, target), n in sorted(n_used_views.items()):
         if not n and run.sensors[sensor]["T_robot_sensor"]:
             text = f"{sensor}: no view of {target} was used"
-            remedy = f"If {sensor} should use {target}, record placements of it in the view of {sensor}."
+            remedy = (
+                f"If {sensor} should use {target}, record placements of it in the view of {sensor}."
+            )
             rows.append((0.0, {"text": text, "cost": "one kind of target", "remedy": remedy}))
     rows.sort(key=lambda item: -item[0])
     return [{"level": "note"} | row for _, row in rows]
 
 
-def _summarize_lost_views(
-    session: str, row: dict[str, Any]
-) -> list[tuple[float, dict[str, str]]]:
+def _summarize_lost_views(session: str, row: dict[str, Any]) -> list[tuple[float, dict[str, str]]]:
     """Return [(lost share, row)] of one sensor and target, empty if no kept view was lost."""
     n_kept, n_extracted, n_used = row["frame_counts"][2:]
     if n_kept <= n_used:

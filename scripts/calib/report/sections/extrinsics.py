@@ -170,10 +170,10 @@ def tabulate_pose(
         error = xyz_rpy_difference(T, T_true)
         columns["error"] = format_pose_numbers(error, decimals, has_plus_sign=True)
         columns["error_in_sigma"] = format_pose_numbers(error / sigma, [1] * 6, has_plus_sign=True)
-    return [
-        {"name": name, "unit": unit} | {k: v[i] for k, v in columns.items()}
-        for i, (name, unit) in enumerate(POSE_NUMBER_UNITS)
-    ]
+    rows: list[dict[str, str | None]] = []
+    for i, (name, unit) in enumerate(POSE_NUMBER_UNITS):
+        rows.append({"name": name, "unit": unit, **{k: v[i] for k, v in columns.items()}})
+    return rows
 
 
 def summarize_sensor_pose(run: ReportRun, name: str) -> dict[str, Any]:
@@ -210,7 +210,7 @@ def initial_guess_pose(sensor: dict[str, Any]) -> np.ndarray | None:
 
 
 def format_least_certain(block: dict[str, Any]) -> str:
-    """Format the least certain direction of a pose: `rotation about z of the robot body, σ 0.02 °`."""
+    """Format the least certain direction: `rotation about z of the robot body, σ 0.02 °`."""
     is_rotation = block["direction"].startswith("rotation")
     sigma = format_number(block["sigma"] * (DEG_PER_RAD if is_rotation else MM_PER_M), 2)
     return f"{block['direction']}, σ {sigma} {'°' if is_rotation else 'mm'}"

@@ -1,4 +1,4 @@
-"""The way of every frame to the solve: how many are left after each step, and why others are lost."""
+"""The way of the frames to the solve: how many are left after each step, why others are lost."""
 
 from collections import Counter
 from typing import Any
@@ -81,9 +81,5 @@ def list_still_intervals(session: ReportSession) -> dict[str, np.ndarray]:
     placements = session.placements
     kind = np.asarray(placements["kind"], str)
     targets = np.asarray(placements["target"], str)
-    span = np.column_stack(
-        [np.asarray(placements[k], np.int64) for k in ("start_ns", "end_ns")]
-    )
-    return {
-        t: span[(targets == t) & (kind == "still")] for t in sorted(set(targets.tolist()))
-    }
+    span = np.column_stack([np.asarray(placements[k], np.int64) for k in ("start_ns", "end_ns")])
+    return {t: span[(targets == t) & (kind == "still")] for t in sorted(set(targets.tolist()))}

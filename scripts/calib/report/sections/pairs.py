@@ -1,4 +1,4 @@
-"""Relative poses of two sensors, and what their σ mean for a task: mm at a distance, px in an image."""
+"""Relative poses of two sensors, and their σ for a task: mm at a distance, px in an image."""
 
 import itertools
 from typing import Any, NamedTuple
@@ -68,9 +68,7 @@ def _true_relative_pose(run: ReportRun, a: str, b: str) -> np.ndarray | None:
     return invert_pose(T_robot_a) @ T_robot_b
 
 
-def point_covariance(
-    T_a_b: np.ndarray, covariance: np.ndarray, points: np.ndarray
-) -> np.ndarray:
+def point_covariance(T_a_b: np.ndarray, covariance: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Return covariances (n, 3, 3), m², in frame a of points (n, 3), m, exactly known in frame b.
 
     covariance (6, 6): of the right perturbation of T_a_b.

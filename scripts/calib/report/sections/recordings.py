@@ -81,7 +81,7 @@ def tabulate_mocap_bodies(audit: dict[str, Any], options: dict[str, Any]) -> lis
 
 
 def list_log_notes(audit: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return (subject, note) on a log: unreadable parts, and the clock and repairs of each topic."""
+    """Return (subject, note) on a log: unreadable parts, clock and repairs of each topic."""
     notes = [("parts of the log are unreadable", fault) for fault in audit.get("faults", [])]
     for topic, block in audit.get("mocap", {}).items():
         delay_s = block["delay_s"]

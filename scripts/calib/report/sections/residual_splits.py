@@ -81,9 +81,7 @@ def _split_into_bands(x: np.ndarray) -> list[tuple[str, np.ndarray]]:
     return [(f"{texts[k]} to {texts[k + 1]}", band == k) for k in range(N_BANDS)]
 
 
-def _split_by_region(
-    pixels: np.ndarray, size_px: tuple[int, int]
-) -> list[tuple[str, np.ndarray]]:
+def _split_by_region(pixels: np.ndarray, size_px: tuple[int, int]) -> list[tuple[str, np.ndarray]]:
     """Return (`upper left`, mask (n,)) of the parts of an image; pixels: (n, 2 or more)."""
     cell = (pixels[:, :2] + 0.5) * N_IMAGE_REGIONS / np.asarray(size_px)
     cell = np.clip(cell, 0, np.subtract(N_IMAGE_REGIONS, 1)).astype(int)
@@ -100,12 +98,13 @@ def _summarize_group(kind: str, inliers: Columns) -> dict[str, Any]:
     value, r = residual_components(inliers) * scale, standardize_residuals(inliers)
     mean = [format_number(v, 2) for v in value.mean(0)]
     is_plane = len(mean) > 1
+    mean_sigma = np.linalg.norm(r.mean(0)) if is_plane else r.mean()
     return {
         "kind": format_kind(kind),
         "n": len(inliers["weight"]),
         "mean": f"({', '.join(mean)})" if is_plane else mean[0],
         "rms": format_number(np.sqrt(np.mean(np.sum(value**2, 1)))),
         "unit": unit,
-        "mean_sigma": format_decimals(np.linalg.norm(r.mean(0)) if is_plane else r.mean(), 2),
+        "mean_sigma": format_decimals(float(mean_sigma), 2),
         "rms_sigma": root_mean_square(r),
     }

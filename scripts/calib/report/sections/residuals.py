@@ -1,7 +1,5 @@
 """Residuals of residuals.parquet: inliers, rejected measurements and their statistics."""
 
-from typing import Any
-
 import numpy as np
 
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
@@ -53,7 +51,7 @@ def inliers_by_kind(run: ReportRun, sensor: str) -> dict[str, Columns]:
 def inliers_in_unit(run: ReportRun, sensor: str, unit: str) -> list[Columns]:
     """Return the inliers of one sensor whose residuals are in a unit, one table per kind."""
     inliers = inliers_by_kind(run, sensor)
-    return [columns for k, columns in inliers.items() if RESIDUAL_KINDS[k].UNIT == unit]
+    return [columns for k, columns in inliers.items() if unit == RESIDUAL_KINDS[k].UNIT]
 
 
 def select_main_lidar_residuals(columns_by_kind: dict[str, Columns]) -> Columns | None:
@@ -188,14 +186,16 @@ def tabulate_noise(run: ReportRun) -> list[dict[str, str]]:
         for kind, sigma in sorted(kinds.items()):
             unit, scale = printed_unit(kind)
             configured = median_keypoint_sigma(run, sensor, kind)
-            is_known = configured is not None
+            ratio = None if configured is None else sigma / configured
             rows.append(
                 {
                     "sensor": sensor,
                     "kind": format_kind(kind),
-                    "configured_sigma": format_number(configured * scale if is_known else None),
+                    "configured_sigma": format_number(
+                        None if configured is None else configured * scale
+                    ),
                     "estimated_sigma": format_number(sigma * scale),
-                    "ratio": format_number(sigma / configured if is_known else None),
+                    "ratio": format_number(ratio),
                     "unit": unit,
                 }
             )

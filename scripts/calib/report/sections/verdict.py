@@ -10,7 +10,7 @@ from calib.report.number_format import DASH, format_number, format_percent, form
 from calib.verdict.findings import level_by_limits
 
 
-class LimitCheck(NamedTuple):
+class LimitCell(NamedTuple):
     """One value of a sensor against its limits warn_<key> and fail_<key>.
 
     factor: from the value to the printed unit; is_upper_limit: whether large values are bad.
@@ -32,43 +32,43 @@ def largest_pose_sigmas(sensor: dict[str, Any]) -> tuple[float | None, float | N
     return float(sigma[:3].max()), float(sigma[3:].max() * DEG_PER_RAD)
 
 
-def list_limit_checks(sensor: dict[str, Any]) -> tuple[LimitCheck, ...]:
+def list_limit_cells(sensor: dict[str, Any]) -> tuple[LimitCell, ...]:
     """Return the values of one sensor that the verdict compares with limits."""
     position, rotation = largest_pose_sigmas(sensor)
     rejected = sensor["rejected_share"] if position is not None else None
     leave_one_out = sensor["leave_one_out"]
     ratio = leave_one_out["error_over_sigma"] if leave_one_out else None
     return (
-        LimitCheck("largest position σ", "mm", "sigma_m", MM_PER_M, position, True),
-        LimitCheck("largest rotation σ", "°", "sigma_deg", 1.0, rotation, True),
-        LimitCheck("rejected", "%", "rejected", SHARE_TO_PERCENT, rejected, True),
-        LimitCheck("placements", "", "placements", 1.0, sensor["placements"], False),
-        LimitCheck("leave-one-out error", "σ", "leave_one_out", 1.0, ratio, True),
+        LimitCell("largest position σ", "mm", "sigma_m", MM_PER_M, position, True),
+        LimitCell("largest rotation σ", "°", "sigma_deg", 1.0, rotation, True),
+        LimitCell("rejected", "%", "rejected", SHARE_TO_PERCENT, rejected, True),
+        LimitCell("placements", "", "placements", 1.0, sensor["placements"], False),
+        LimitCell("leave-one-out error", "σ", "leave_one_out", 1.0, ratio, True),
     )
 
 
-def _check_level(check: LimitCheck, limits: dict[str, float]) -> str:
+def _check_level(cell: LimitCell, limits: dict[str, float]) -> str:
     """Return the level of a value. A missing value fails, except for leave-one-out."""
-    if check.value is None:
-        return "pass" if check.key == "leave_one_out" else "fail"
-    return level_by_limits(check.value, limits, check.key, check.is_upper_limit)
+    if cell.value is None:
+        return "pass" if cell.key == "leave_one_out" else "fail"
+    return level_by_limits(cell.value, limits, cell.key, cell.is_upper_limit)
 
 
-def _limit_share(check: LimitCheck, limits: dict[str, float]) -> float | None:
+def _limit_share(cell: LimitCell, limits: dict[str, float]) -> float | None:
     """Return the value as a share of its warn limit; None if either is missing or zero."""
-    limit = limits.get(f"warn_{check.key}")
-    if not check.value or not limit:
+    limit = limits.get(f"warn_{cell.key}")
+    if not cell.value or not limit:
         return None
-    return check.value / limit if check.is_upper_limit else limit / check.value
+    return cell.value / limit if cell.is_upper_limit else limit / cell.value
 
 
-def _format_limits(check: LimitCheck, limits: dict[str, float]) -> list[str]:
+def _format_limits(cell: LimitCell, limits: dict[str, float]) -> list[str]:
     """Format the limits of a value: `warn above 5`, `fail above 20`."""
-    side = "above" if check.is_upper_limit else "below"
+    side = "above" if cell.is_upper_limit else "below"
     return [
-        f"{level} {side} {format_number(limit * check.factor)}"
+        f"{level} {side} {format_number(limit * cell.factor)}"
         for level in ("warn", "fail")
-        if (limit := limits.get(f"{level}_{check.key}")) is not None
+        if (limit := limits.get(f"{level}_{cell.key}")) is not None
     ]
 
 
@@ -77,10 +77,10 @@ def summarize_verdict(run: ReportRun) -> dict[str, Any]:
     verdict = run.verdict
     limits, rows, columns = verdict["limits"], [], []
     for name, sensor in run.sensors.items():
-        checks = list_limit_checks(sensor)
+        limit_cells = list_limit_cells(sensor)
         columns = [
             {"text": c.heading, "unit": c.unit, "limit_texts": _format_limits(c, limits)}
-            for c in checks
+            for c in limit_cells
         ]
         cells = [
             {
@@ -88,7 +88,7 @@ def summarize_verdict(run: ReportRun) -> dict[str, Any]:
                 "level": _check_level(c, limits),
                 "limit_share": _limit_share(c, limits),
             }
-            for c in checks
+            for c in limit_cells
         ]
         level = verdict["sensors"].get(name, sensor["verdict"])
         rows.append({"name": name, "kind": sensor["kind"], "level": level, "cells": cells})
