@@ -101,8 +101,7 @@ def _write_fault_config(folder, fault, log, root):
 def list_audit_messages(audit):
     """Sentences of log.json, as the report has them."""
     out = [
-        f"{where}: {words}" if where[0] == "/" else words
-        for where, words in list_log_notes(audit)
+        f"{where}: {words}" if where[0] == "/" else words for where, words in list_log_notes(audit)
     ]
     for name, body in sorted(audit["bodies"].items()):
         out += [f"{name}: {n} × {kind}" for kind, n in sorted(body.get("faults", {}).items())]
