@@ -15,6 +15,7 @@ from calib.estimation.solver import estimate_poses
 from calib.geometry.se3 import invert_pose, mean_pose, pose_from_xyz_quat, transform_points
 from calib.geometry.units import NS_PER_S
 from calib.initial_guess.hand_eye import solve_mount
+from calib.initial_guess.pose_voting import PoseTolerance
 from calib.mocap.body_trajectory import Trajectory
 from calib.mocap.moving_pose_fit import fit_local_motion
 from calib.sensors.camera.camera_model import CameraModel
@@ -53,18 +54,18 @@ def setup():
     seen = [i for i, f in enumerate(fits) if f is not None]
     some = seen[:: len(seen) // 20]
     mount = solve_mount(
-        [(fits[i].T_robot_body, [T_camera_board[i]]) for i in some], None, (0.1, 0.1)
+        [(fits[i].T_robot_body, [T_camera_board[i]]) for i in some], None, PoseTolerance(0.1, 0.1)
     )
     assert mount.status.ok
     T_world_camera = mean_pose(
-        [fits[i].T_robot_body @ mount.T_body_target @ invert_pose(T_camera_board[i]) for i in some]
+        [fits[i].T_robot_body @ mount.value @ invert_pose(T_camera_board[i]) for i in some]
     )[0]
     fast = [i for i in seen if moving_view_selection._has_useful_speed(fits[i].velocity)]
     places, groups = [], []
     for i in fast[:: max(1, len(fast) // 400)]:
         places.append(
             make_moving_placement(
-                TargetPath("board", mount.T_body_target, path),
+                TargetPath("board", mount.value, path),
                 session="s",
                 sensor="camera",
                 time_ns=int(stamps[i]),
@@ -86,7 +87,7 @@ def setup():
         )
     made = Setup(
         {"camera": CAMERA}, {"board": BOARD}, places, groups, ASSOCIATE_SETTINGS, {},
-        initial_mounts={"board": mount.T_body_target}, corrections=(TimeOffsetCorrection("camera", np.array([0.1])),),
+        initial_mounts={"board": mount.value}, corrections=(TimeOffsetCorrection("camera", np.array([0.1])),),
     )  # fmt: skip
     return made, {"camera": T_world_camera}
 

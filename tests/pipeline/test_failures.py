@@ -156,7 +156,7 @@ def test_a_sensor_that_cannot_be_found_says_what_to_record_or_write_and_keeps_th
     run_to_completion(finished_run_copy, VERDICT)
     result = calibration(finished_run_copy)["sensors"]
     status = result["camera"]["status"]
-    assert status["reason"] == "no first guess for camera: no pose found in the data"
+    assert status["reason"] == "no initial guess for camera: no pose found in the data"
     assert status["found"].startswith("coloured body found at 0 of 4 placements")
     assert "Hold the target still at 4 or more different places" in status["remedy"]
     assert "sensors.camera.T_robot_sensor" in status["remedy"]

@@ -314,7 +314,7 @@ def test_a_static_transform_that_is_no_pose_is_a_status_and_no_crash(here, tmp_p
     guess.main([*paths, "--options", json.dumps(options)])
     found = read_json(output)
     assert found["T_robot_sensor"] is None
-    assert found["status"]["reason"] == "a static transform of the log is no pose"
+    assert found["status"]["reason"] == "a static transform of the log is not a rigid motion"
 
 
 def test_decode_takes_only_what_lies_between_from_s_and_to_s(here, tmp_path):

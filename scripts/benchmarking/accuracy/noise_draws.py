@@ -13,13 +13,13 @@ from benchmarking.accuracy.draw_statistics import DrawResult
 from benchmarking.accuracy.simulated_session import placement_time_span, select_kept_views
 from calib.estimation.problem_assembly import SessionKeypoints, build_setup, iteration_limits
 from calib.estimation.solver import estimate_poses
-from calib.extraction.extractor_registry import KEYPOINT_EXTRACTORS
+from calib.extraction.extraction_inputs import make_extraction_context
+from calib.extraction.extractor_registry import SENSOR_EXTRACTORS
 from calib.geometry.se3 import invert_pose, se3_log, so3_exp
 from calib.geometry.units import NS_PER_S
 from calib.io.pose_block import pose_sigma_from_config
 from calib.mocap.body_trajectory import Trajectory, relative_trajectory
 from calib.sensors.camera.images.image_messages import decode_png, encode_png
-from extract import make_extraction_context
 from gate import average_still_pose
 from simulation.sensors.camera_exposure import digitize_image
 from simulation.sensors.lidar_scanner import scan_scene
@@ -54,12 +54,12 @@ def build_draw_setup(session, placement_columns, views):
     job = make_extraction_context(
         options, session.sensor_model, placement_columns, session.guess_json
     )
-    keypoints, _, T = KEYPOINT_EXTRACTORS[options["sensor"]["kind"]](job, views)
+    extraction = SENSOR_EXTRACTORS[options["sensor"]["kind"]].extract(job, views)
     drawn = SessionKeypoints(
         session="",
-        keypoints=keypoints | {"sensor": np.full(len(keypoints["view"]), name)},
+        keypoints=extraction.keypoints | {"sensor": np.full(extraction.n_keypoints, name)},
         placements=job.placements,
-        T_robot_sensor={name: T},
+        T_robot_sensor={name: extraction.T_robot_sensor},
     )
     return build_setup([drawn], {}, options)
 

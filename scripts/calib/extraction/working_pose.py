@@ -1,46 +1,57 @@
-"""The pose of a sensor that its own views agree on, found again and again until it settles."""
+"""Find the pose of a sensor that its own views agree on, by extracting at each new pose."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from calib.estimation.problem_assembly import SessionKeypoints, assemble_setup
 from calib.estimation.solver import estimate_poses
 from calib.extraction.extraction_inputs import ExtractionContext
+from calib.extraction.extraction_results import Extraction, ViewKeypoints
 from calib.geometry.se3 import invert_pose, se3_log
-from calib.io.parquet_tables import concatenate_columns, select_rows
+from calib.io.parquet_tables import select_rows
 from calib.io.status import OK, Status, failure_status
-from calib.io.table_schemas import KEYPOINTS_SCHEMA
 from calib.views.field_of_view import PosedSensor, VisibilityCheck
 from calib.views.placement_selection import select_placements
 from calib.views.pose_selection import select_new_poses
 from calib.views.target_placements import Columns
 
 LOOSE_GATES = {"gate_sigma": 6.0, "edge_margin_m": -1.0, "min_cosine": -1.0}
-MAX_WORKING_ROUNDS, MAX_WORKING_KEYPOINTS = 12, 5000
-MAX_EXTRACTION_ROUNDS, POSE_STEP_TOLERANCE = (
-    8,
-    1e-6,
-)  # of extraction; the step of the working pose, m and rad, that ends them
+MAX_WORKING_ROUNDS = 12  # of the estimate
+WORKING_TOLERANCE = 1e-7  # m and rad, that ends the estimate
+MAX_WORKING_KEYPOINTS = 5000
+MAX_EXTRACTION_ROUNDS = 8
+POSE_STEP_TOLERANCE = 1e-6  # m and rad, of the working pose, that ends the extraction
+# Odd numbers, and the bits to drop, of a spatial hash of coordinates.
+HASH_FACTORS = np.array([73856093, 19349663, 83492791], np.uint64)
+HASH_SHIFT = np.uint64(7)
 
 
-def iterate_working_pose(context, at_pose, T_robot_sensor, noise_factor):
-    """(keypoints, outcomes, working pose), once the pose that the keypoints agree on is the one
-    that they were taken at: what is found then depends on no guess.
+def iterate_working_pose(
+    context: ExtractionContext,
+    views: Columns,
+    extract_at_pose: Callable[[np.ndarray], Mapping[int, ViewKeypoints]],
+    T_robot_sensor: np.ndarray,
+    noise_factor: float,
+) -> Extraction:
+    """Extract until the pose that the keypoints agree on is the pose they were extracted at.
 
-    at_pose(T) -> (parts of the keypoints, outcomes). The pose is None where nothing was found.
+    The result then does not depend on the initial guess. extract_at_pose: results by row of views
+    at a pose (4, 4). noise_factor: see estimate_working_pose.
     """
     T = T_robot_sensor
     for _ in range(MAX_EXTRACTION_ROUNDS):
-        parts, outcomes = at_pose(T)
-        keypoints = concatenate_columns(parts, KEYPOINTS_SCHEMA)
-        if not parts:
-            return keypoints, outcomes, None
-        before, T = (
-            T,
-            estimate_working_pose(context, keypoints, T, context.associate_options, noise_factor),
+        extraction = Extraction.collect(views, extract_at_pose(T), T)
+        if not extraction.n_keypoints:
+            return Extraction(extraction.keypoints, extraction.outcomes)
+        previous = T
+        T = estimate_working_pose(
+            context, extraction.keypoints, T, context.associate_options, noise_factor=noise_factor
         )
-        if np.abs(se3_log(invert_pose(before) @ T)).max() < POSE_STEP_TOLERANCE:
+        if np.abs(se3_log(invert_pose(previous) @ T)).max() < POSE_STEP_TOLERANCE:
             break
-    return keypoints, outcomes, T
+    return Extraction(extraction.keypoints, extraction.outcomes, T)
 
 
 def check_kept_views(
@@ -55,17 +66,9 @@ def check_kept_views(
     """
     sensor = PosedSensor(context.model, check_visibility, T_robot_sensor, margin=np.zeros(6))
     T_robot_target = {k: p.T_robot_body @ p.T_body_target for k, p in context.placements.items()}
-    kept, outcomes = np.flatnonzero(views["kept"]), {}
+    outcomes: dict[int, Status] = {}
     for name, target in sorted(context.targets.items()):
-        is_of_target = (views["target"] == name) & (views["placement"] >= 0)
-        numbers = np.unique(views["placement"][is_of_target])
-        poses = np.reshape([T_robot_target[k] for k in numbers], (-1, 4, 4))
-        rows = {
-            int(number): kept[is_of_target[kept] & (views["placement"][kept] == number)]
-            for number in numbers[
-                select_new_poses(poses, np.arange(len(poses)), context.crop_options)
-            ]
-        }
+        rows = _kept_rows_by_placement(views, name, T_robot_target, context.crop_options)
         reasons = select_placements(
             sensor,
             target,
@@ -80,11 +83,37 @@ def check_kept_views(
     return outcomes
 
 
-def estimate_working_pose(context, keypoints, T_robot_sensor, associate, noise_factor):
-    """T_robot_sensor (4, 4) that the keypoints agree on, held where it was when they say nothing.
+def _kept_rows_by_placement(
+    views: Columns,
+    target_name: str,
+    T_robot_target: Mapping[int, np.ndarray],
+    crop_options: dict[str, Any],
+) -> dict[int, np.ndarray]:
+    """Return the rows of the kept views of one target by new placement, most different first."""
+    is_of_target = (views["target"] == target_name) & (views["placement"] >= 0)
+    numbers = np.unique(views["placement"][is_of_target])
+    poses = np.reshape([T_robot_target[k] for k in numbers], (-1, 4, 4))
+    order = select_new_poses(poses, np.arange(len(poses)), crop_options)
+    is_kept = is_of_target & views["kept"]
+    return {
+        int(number): np.flatnonzero(is_kept & (views["placement"] == number))
+        for number in numbers[order]
+    }
 
-    noise_factor: the factor on the keypoints' σ to start from, large where the start may be far off.
-    Thinned to about WORKING_POINTS: it only says where to look.
+
+def estimate_working_pose(
+    context: ExtractionContext,
+    keypoints: Columns,
+    T_robot_sensor: np.ndarray,
+    associate_options: dict[str, Any],
+    *,
+    noise_factor: float,
+) -> np.ndarray:
+    """Return T_robot_sensor (4, 4) that the keypoints agree on.
+
+    The start T_robot_sensor (4, 4) has the σ of the initial guess as prior. noise_factor: factor on
+    the σ of the keypoints to begin with, large if the start may be far off. The keypoints are
+    thinned, because the pose only says where to look.
     """
     keypoints = thin_keypoints(keypoints)
     start = {context.name: T_robot_sensor}
@@ -98,27 +127,30 @@ def estimate_working_pose(context, keypoints, T_robot_sensor, associate, noise_f
         [session],
         models={context.name: context.model},
         targets=context.targets,
-        associate_options=associate,
+        associate_options=associate_options,
         sensor_priors={context.name: (T_robot_sensor, context.guess_sigma)},
     )
     result = estimate_poses(
         setup,
         start,
         max_rounds=MAX_WORKING_ROUNDS,
-        tolerance_m=1e-7,
-        tolerance_rad=1e-7,
+        tolerance_m=WORKING_TOLERANCE,
+        tolerance_rad=WORKING_TOLERANCE,
         initial_noise_factor=noise_factor,
     )
     return result.state.T_robot_sensor[context.name]
 
 
-def thin_keypoints(keypoints):
-    """One of 2, 4, 8 ... keypoints where there are many: returns by a lot drawn from their own
-    coordinates, pixels by whole views. Whether one is in does not depend on which others are."""
+def thin_keypoints(keypoints: Columns) -> Columns:
+    """Return one of 2, 4, 8 ... keypoints if there are many.
+
+    Returns are chosen by a hash of their own coordinates, pixels by whole views, so that the choice
+    of one does not depend on which others there are.
+    """
     n = len(keypoints["view"])
     share = 2 ** int(np.ceil(np.log2(max(1.0, n / MAX_WORKING_KEYPOINTS))))
     bits = keypoints["xyz"].astype(np.float32).view(np.uint32).astype(np.uint64)
-    lot = (bits * np.array([73856093, 19349663, 83492791], np.uint64)).sum(1) >> np.uint64(7)
-    by_view = keypoints["view"].astype(np.uint64)
-    lot = np.where(np.isnan(keypoints["xyz"][:, 0]), by_view, lot)
-    return select_rows(keypoints, lot % np.uint64(share) == 0)
+    hashes = (bits * HASH_FACTORS).sum(1) >> HASH_SHIFT
+    views = keypoints["view"].astype(np.uint64)
+    hashes = np.where(np.isnan(keypoints["xyz"][:, 0]), views, hashes)
+    return select_rows(keypoints, hashes % np.uint64(share) == 0)

@@ -1,3 +1,15 @@
-"""Stage guess: the first pose of a sensor as stated (stated_pose, previous_calibration) or searched
-in the data (session_search), mounts of targets (hand_eye) and the coarse time offset (clock_lag).
+"""Stage guess: the first pose and time offset of each sensor, with its uncertainty.
+
+initial_guess           a guess with its σ, or the reason why there is none
+sensor_guess            decides the guess of one sensor: stated, or else searched
+stated_pose             poses that the rig config, an earlier calibration or /tf_static state
+previous_calibration    reads the file of `guess_from`
+session_search          searches in the log: time offset, poses, mounts
+clock_lag               time offset: what a sensor sees changes while something moves
+frame_sampling          frames that a search reads
+pose_voting             the pose that most placements agree on
+camera_from_patterns    camera pose from printed patterns (bearing_pnp)
+camera_from_blobs       camera pose from coloured bodies
+lidar_matching          lidar pose from things like the targets (lidar_candidates)
+hand_eye                mount of a target in its MCS body
 """

@@ -1,93 +1,136 @@
-"""A camera from the patterns that its images show: every image alone tells where it sits."""
+"""Find the pose of a camera from the printed patterns in its images.
 
+Each image alone gives the pose, up to a few readings of the pattern; the reading on which most
+placements agree is right.
+"""
+
+from collections.abc import Mapping
 from itertools import zip_longest
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from calib.geometry.se3 import invert_pose, mean_pose, transform_points
 from calib.initial_guess.bearing_pnp import solve_planar_pnp
 from calib.initial_guess.camera_from_blobs import find_camera_from_blobs
-from calib.initial_guess.frame_sampling import read_samples
-from calib.initial_guess.pose_guess import PoseGuess
+from calib.initial_guess.frame_sampling import FrameSample, read_samples
+from calib.initial_guess.initial_guess import PoseGuess
 from calib.initial_guess.pose_voting import (
-    agreement_tolerance,
+    PoseTolerance,
+    PoseVote,
+    SearchCounts,
     describe_scatter,
     is_decisive,
     min_pose_sigma,
     no_consensus_status,
     vote_for_pose,
 )
+from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.images.image_messages import to_grey
+from calib.targets.target_shapes import TargetShape
+from calib.views.sensor_reader import FrameReader
 
-MAX_REPROJECTION_RATIO = (
-    4.0  # a reading that reprojects this much worse than the best of its image is out
-)
-MAX_REPROJECTION_SHARE = (
-    0.1  # of the corners' spacing: a reading that reprojects worse is none of this pattern
-)
+# A reading is left out if it reprojects worse than this many times the best one of its image, or
+# than this share of the spacing of the corners.
+MAX_REPROJECTION_RATIO = 4.0
+MAX_REPROJECTION_SHARE = 0.1
 
 
-def find_camera_pose(camera, targets, samples, read_frame, options):
-    """Found: by printed patterns; by coloured bodies where they show too little."""
-    patterned = [
-        [k for k in samples if k.target == n] for n in sorted(targets) if targets[n].pattern
+class PatternReading(NamedTuple):
+    """T_robot_camera (4, 4) by one reading of the pattern in one placement."""
+
+    placement: int
+    T_robot_camera: np.ndarray
+
+
+def find_camera_pose(
+    camera: CameraModel,
+    targets: Mapping[str, TargetShape],
+    samples: list[FrameSample],
+    read_frame: FrameReader,
+    options: dict[str, Any],
+) -> PoseGuess:
+    """Search T_robot_camera by printed patterns, or by coloured bodies if these do not suffice.
+
+    options: block `guess`.
+    """
+    by_target = [
+        [sample for sample in samples if sample.target == name]
+        for name in sorted(targets)
+        if targets[name].pattern
     ]
-    readings, seen = [], 0
-    # In turn over the targets, until enough is found.
-    in_turn = (k for turn in zip_longest(*patterned) for k in turn if k is not None)
-    for look, image in read_samples(in_turn, read_frame):
-        found = read_pattern_poses(camera, targets[look.target], image)
-        readings += [(look.placement, look.T_robot_target @ invert_pose(T)) for T in found]
-        seen += bool(found)
-        if seen >= options["max_pattern_images"]:
+    # One placement of each target after the other, until enough images show a pattern.
+    in_turn = (s for turn in zip_longest(*by_target) for s in turn if s is not None)
+    readings, n_found = [], 0
+    for sample, image in read_samples(in_turn, read_frame):
+        poses = read_pattern_poses(camera, targets[sample.target], image)
+        readings += [
+            PatternReading(sample.placement, sample.T_robot_target @ invert_pose(T)) for T in poses
+        ]
+        n_found += bool(poses)
+        if n_found >= options["max_pattern_images"]:
             break
-    by_pattern = vote_pattern_pose(readings, seen, sum(map(len, patterned)), options)
-    if by_pattern.status.ok or not any(targets[k.target].color for k in samples):
+    by_pattern = vote_pattern_pose(readings, n_found, sum(map(len, by_target)), options)
+    if by_pattern.status.ok or not any(targets[s.target].color for s in samples):
         return by_pattern
     by_color = find_camera_from_blobs(camera, targets, samples, read_frame, options)
-    return by_color if by_color.status.ok or not seen else by_pattern
+    return by_color if by_color.status.ok or not n_found else by_pattern
 
 
-def read_pattern_poses(camera, target, image):
-    """[T_camera_target (4, 4)]: every reading of the target's pattern in an image (h, w, 3)."""
+def read_pattern_poses(
+    camera: CameraModel, target: TargetShape, image: np.ndarray
+) -> list[np.ndarray]:
+    """Return T_camera_target (4, 4) for every reading of the pattern in an image (h, w, 3)."""
+    assert target.pattern is not None
     uv = target.pattern.detect_corners_fast(to_grey(image))
     return [] if uv is None else solve_pattern_poses(camera, target, uv)
 
 
-def solve_pattern_poses(camera, target, uv):
-    """[T_camera_target (4, 4)] of corners uv (n, 2) in the detector's order, as it may be read.
+def solve_pattern_poses(
+    camera: CameraModel, target: TargetShape, uv: np.ndarray
+) -> list[np.ndarray]:
+    """Return T_camera_target (4, 4) for every reading of corners uv (n, 2) in detected order.
 
-    Every labelling and both solutions of a plane are tried; what shows the target from where it
-    cannot be seen, or reprojects much worse than another, is left out.
+    Every labelling and both solutions of a plane are tried. Readings that show the target from
+    behind, or reproject much worse than the best one, are left out.
     """
+    assert target.pattern is not None
     corners = target.pattern.corners()
-    rays, ok = camera.unproject(uv)
-    if not ok.all():
+    rays, is_valid = camera.unproject(uv)
+    if not is_valid.all():
         return []
-    found = []
+    readings = []
     for labels in target.pattern.corner_orders():
         for T in solve_planar_pnp(rays, corners[labels]):
-            again, valid = camera.project(transform_points(T, corners[labels]))
-            if valid.all() and target.check_facing(invert_pose(T)[:3, 3])[0]:
-                found.append((np.sqrt(((again - uv) ** 2).sum(1).mean()), T))
+            projected, is_projected = camera.project(transform_points(T, corners[labels]))
+            if is_projected.all() and target.check_facing(invert_pose(T)[:3, 3])[0]:
+                readings.append((np.sqrt(((projected - uv) ** 2).sum(1).mean()), T))
     spacing = np.sort(np.linalg.norm(uv[:, None] - uv[None], axis=-1), axis=1)[:, 1].mean()
-    best = min((misfit for misfit, _ in found), default=np.inf)
-    most = min(MAX_REPROJECTION_SHARE * spacing, MAX_REPROJECTION_RATIO * best + 0.1)
-    return [T for misfit, T in found if misfit <= most]
+    best = min((error for error, _ in readings), default=np.inf)
+    limit = min(MAX_REPROJECTION_SHARE * spacing, MAX_REPROJECTION_RATIO * best + 0.1)
+    return [T for error, T in readings if error <= limit]
 
 
-def vote_pattern_pose(readings, n_seen, n_samples, options):
-    """Found: the mean of the readings, one per placement, that agree."""
-    group = np.array([g for g, _ in readings], int)
-    T = np.reshape([T for _, T in readings], (-1, 4, 4))
-    tolerance = agreement_tolerance(options)
-    rows, rival = vote_for_pose(T, group, tolerance) if len(T) else (group, 0)
-    least = options["min_placements"]
-    if len(rows) < least or not is_decisive(len(rows), rival):
-        return PoseGuess(
-            status=no_consensus_status("pattern", len(rows), rival, n_seen, n_samples, least)
-        )
-    mean, xi = mean_pose(T[rows])
+def vote_pattern_pose(
+    readings: list[PatternReading], n_found: int, n_searched: int, options: dict[str, Any]
+) -> PoseGuess:
+    """Return the mean of the readings that agree, one per placement.
+
+    n_found: placements whose image shows a pattern, of n_searched.
+    """
+    group = np.array([placement for placement, _ in readings], int)
+    T = np.reshape([pose for _, pose in readings], (-1, 4, 4))
+    vote = PoseVote(group, 0)
+    if len(T):
+        vote = vote_for_pose(T, group, PoseTolerance.from_options(options))
+    n_agreeing, n_required = len(vote.rows), options["min_placements"]
+    if n_agreeing < n_required or not is_decisive(n_agreeing, vote.n_rival_votes):
+        counts = SearchCounts(n_agreeing, vote.n_rival_votes, n_found, n_searched, n_required)
+        return PoseGuess(status=no_consensus_status("pattern", counts))
+    mean, xi = mean_pose(T[vote.rows])
     sigma = np.maximum(np.sqrt((xi**2).sum(0) / (len(xi) - 1) / len(xi)), min_pose_sigma(options))
-    basis = f"the pattern in {len(rows)} of {n_seen} images that show one, {n_samples} placements"
-    return PoseGuess(mean, sigma, basis + f", agree to {describe_scatter(xi)}")
+    basis = (
+        f"the pattern in {n_agreeing} of {n_found} images that show one, {n_searched} placements, "
+        f"agree to {describe_scatter(xi)}"
+    )
+    return PoseGuess(mean, sigma, basis)

@@ -1,23 +1,25 @@
-"""Which frames to look at: one per placement, the most different placements first."""
+"""Choose the frames that a search reads: one per placement, the most different placements first."""
 
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from calib.io.status import MessageError
 from calib.views.pose_selection import select_most_different
-from calib.views.target_placements import assign_frames_to_placements
+from calib.views.sensor_reader import FrameReader
+from calib.views.target_placements import Columns, assign_frames_to_placements
 
-MIN_NEW_DISTANCE_M, MIN_NEW_ANGLE_RAD = (
-    0.05,
-    np.radians(5),
-)  # by which a placement that tells something new differs
+# Smallest difference to other placements at which a placement adds information.
+MIN_NEW_DISTANCE_M = 0.05
+MIN_NEW_ANGLE_RAD = np.radians(5)
 
 
 @dataclass(frozen=True)
 class FrameSample:
-    """A frame (index) that was taken in a still placement of a target, T_robot_target (4, 4)."""
+    """A frame (row) that was taken in a still placement of a target, at T_robot_target (4, 4)."""
 
     frame: int
     target: str
@@ -25,25 +27,35 @@ class FrameSample:
     T_robot_target: np.ndarray
 
 
-def read_samples(samples, read_frame):
-    """(look, what the sensor measured) of the looks whose message can be read, in their order."""
-    for look in samples:
+def read_samples(
+    samples: Iterable[FrameSample], read_frame: FrameReader
+) -> Iterator[tuple[FrameSample, Any]]:
+    """Yield the samples whose message can be read, with what the sensor measured, in order."""
+    for sample in samples:
         with suppress(MessageError):
-            yield look, read_frame(look.frame)
+            yield sample, read_frame(sample.frame)
 
 
-def choose_frame_samples(frames, placements, T_robot_target, target, options):
-    """Looks at one target, at most options["max_placements"], the most different first.
+def choose_frame_samples(
+    frames: Columns,
+    placements: Columns,
+    T_robot_target: np.ndarray,
+    target: str,
+    options: dict[str, Any],
+) -> list[FrameSample]:
+    """Return the samples of one target, at most options["max_placements"], most different first.
 
-    The middle frame of each placement: farthest from the moves, whatever the clocks say.
+    frames: with `mocap_time_ns`. T_robot_target: (n, 4, 4) of every placement. The middle frame of
+    each placement is taken: it is farthest from any motion, even if the clocks differ.
     """
-    placement = assign_frames_to_placements(frames, placements, target)
-    rows = np.unique(placement[placement >= 0])
+    placement_by_frame = assign_frames_to_placements(frames, placements, target)
+    rows = np.unique(placement_by_frame[placement_by_frame >= 0])
     order = select_most_different(
         T_robot_target[rows], MIN_NEW_DISTANCE_M, MIN_NEW_ANGLE_RAD, options["max_placements"]
     )
-    out = []
+    samples = []
     for k in rows[order]:
-        during = np.flatnonzero(placement == k)
-        out.append(FrameSample(int(during[len(during) // 2]), target, int(k), T_robot_target[k]))
-    return out
+        inside = np.flatnonzero(placement_by_frame == k)
+        middle = int(inside[len(inside) // 2])
+        samples.append(FrameSample(middle, target, int(k), T_robot_target[k]))
+    return samples

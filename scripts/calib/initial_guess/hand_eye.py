@@ -1,153 +1,181 @@
-"""Where a target sits in its MCS body, from a camera that saw its pattern at several placements.
+"""Find how a target is mounted in its MCS body, from a camera that sees its pattern.
 
 In every placement k:  T_robot_camera T_camera_target,k = T_robot_body,k T_body_target
-with both constant poses unknown. Two placements give T_robot_camera an equation A Z = Z B, whose
-rotations tell it when they turn about two axes (Tsai and Lenz 1989; rotations here by Kabsch, from
-their vectors); what is known of the camera beforehand helps where they do not.
+with both constant poses unknown. Two placements give an equation A Z = Z B for T_robot_camera. Its
+rotations determine the rotation of Z if they are about two axes (Tsai and Lenz 1989; here by the
+Kabsch algorithm on their rotation vectors). A prior of the camera's pose helps if they are not.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import combinations, product
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from calib.geometry.se3 import invert_pose, make_pose, mean_pose, se3_exp, se3_log, so3_log
 from calib.initial_guess.camera_from_patterns import read_pattern_poses
-from calib.initial_guess.frame_sampling import read_samples
-from calib.initial_guess.pose_voting import agreement_tolerance, vote_for_pose
-from calib.io.status import OK, Status, failure_status
+from calib.initial_guess.frame_sampling import FrameSample, read_samples
+from calib.initial_guess.initial_guess import PoseGuess
+from calib.initial_guess.pose_voting import PoseTolerance, vote_for_pose
+from calib.io.status import Status, failure_status
+from calib.sensors.camera.camera_model import CameraModel
+from calib.targets.target_shapes import TargetShape
+from calib.views.sensor_reader import FrameReader
 
-MIN_MOUNT_PLACEMENTS = 3  # placements: two motions
-MAX_START_PLACEMENTS = 6  # placements of which every three give a pose to start from
-INITIAL_IMAGE_POSE_SIGMA = np.repeat(
-    [0.005, np.radians(0.3)], 3
-)  # σ of a pose from one image, at first
-MIN_MOUNT_SIGMA = np.repeat([0.001, np.radians(0.05)], 3)  # σ of a mount, at least
-
-
-@dataclass(frozen=True)
-class MountGuess:
-    """T_body_target (4, 4), its σ (6,), in words what agrees on it; or why there is none."""
-
-    T_body_target: np.ndarray | None = None
-    sigma: np.ndarray | None = None
-    basis: str = ""
-    status: Status = OK
+MIN_MOUNT_PLACEMENTS = 3  # two relative motions
+MAX_START_PLACEMENTS = 6  # of which every three give a pose to start from
+INITIAL_IMAGE_POSE_SIGMA = np.repeat([0.005, np.radians(0.3)], 3)  # of a pose from one image
+MIN_MOUNT_SIGMA = np.repeat([0.001, np.radians(0.05)], 3)
+MIN_SECOND_AXIS_RATIO = 0.03  # of the singular values of two rotation axes
 
 
-def find_mount(camera, target, samples, read_frame, camera_prior, options):
-    """The Mount of a target by one camera; camera_prior: (T_robot_camera (4, 4), σ (6,)) or None.
+class PatternView(NamedTuple):
+    """T_robot_body (4, 4) of one placement, and T_camera_target (4, 4) by every reading there."""
 
-    samples: at that target, with T_robot_body for T_robot_target.
+    T_robot_body: np.ndarray
+    readings: list[np.ndarray]
+
+
+class MountFit(NamedTuple):
+    """T_body_target (4, 4) and its σ (6,), m and rad."""
+
+    T_body_target: np.ndarray
+    sigma: np.ndarray
+
+
+def find_mount(
+    camera: CameraModel,
+    target: TargetShape,
+    samples: Sequence[FrameSample],
+    read_frame: FrameReader,
+    *,
+    camera_prior: PoseGuess | None,
+    options: dict[str, Any],
+) -> PoseGuess:
+    """Search T_body_target with one camera.
+
+    samples: of that target, with T_robot_body in place of T_robot_target. camera_prior: what is
+    known of T_robot_camera. options: block `guess`.
     """
-    seen = []
-    for look, image in read_samples(samples, read_frame):
+    views: list[PatternView] = []
+    for sample, image in read_samples(samples, read_frame):
         readings = read_pattern_poses(camera, target, image)
-        seen += [(look.T_robot_target, readings)] if readings else []
-        if len(seen) >= options["max_pattern_images"]:
+        views += [PatternView(sample.T_robot_target, readings)] if readings else []
+        if len(views) >= options["max_pattern_images"]:
             break
-    if len(seen) < MIN_MOUNT_PLACEMENTS:
-        return MountGuess(status=_too_few_views_status(target, len(seen), len(samples)))
-    return solve_mount(seen, camera_prior, agreement_tolerance(options))
+    if len(views) < MIN_MOUNT_PLACEMENTS:
+        return PoseGuess(status=_too_few_views_status(target, len(views), len(samples)))
+    return solve_mount(views, camera_prior, PoseTolerance.from_options(options))
 
 
-def solve_mount(pattern_readings, camera_prior, tolerance):
-    """The Mount of what was pattern_readings: [(T_robot_body (4, 4), [T_camera_target (4, 4)] as it may be
-    read)]."""
-    B = np.array([body for body, readings in pattern_readings for _ in readings])
-    C = np.array([reading for _, readings in pattern_readings for reading in readings])
-    group = np.repeat(
-        np.arange(len(pattern_readings)), [len(readings) for _, readings in pattern_readings]
-    )
-    starts = ([] if camera_prior is None else [camera_prior[0]]) + solve_camera_triples(
-        pattern_readings
-    )
-    best, rows = None, np.zeros(0, int)
-    for Z in starts:
-        agree, _ = vote_for_pose(invert_pose(B) @ Z @ C, group, tolerance)
-        if len(agree) > len(rows):
-            best, rows = Z, agree
-    if len(rows) < MIN_MOUNT_PLACEMENTS:
-        return MountGuess(status=_disagreement_status(len(rows), len(pattern_readings)))
-    T, sigma = fit_mount(best, B[rows], C[rows], camera_prior)
-    if (sigma > np.repeat(tolerance, 3)).any():
-        return MountGuess(status=_single_axis_status(len(rows), sigma))
-    basis = f"the pattern in {len(rows)} of {len(pattern_readings)} images that show one"
-    return MountGuess(T, np.maximum(sigma, MIN_MOUNT_SIGMA), basis)
+def solve_mount(
+    views: Sequence[PatternView], camera_prior: PoseGuess | None, tolerance: PoseTolerance
+) -> PoseGuess:
+    """Solve T_body_target from the readings of a pattern in several placements."""
+    T_robot_body = np.array([body for body, readings in views for _ in readings])
+    T_camera_target = np.array([reading for _, readings in views for reading in readings])
+    group = np.repeat(np.arange(len(views)), [len(readings) for _, readings in views])
+    prior_starts = [] if camera_prior is None else [camera_prior.value]
+    T_start, rows = None, np.zeros(0, int)
+    for T_robot_camera in prior_starts + solve_camera_triples(views):
+        mounts = invert_pose(T_robot_body) @ T_robot_camera @ T_camera_target
+        agreeing = vote_for_pose(mounts, group, tolerance).rows
+        if len(agreeing) > len(rows):
+            T_start, rows = T_robot_camera, agreeing
+    if T_start is None or len(rows) < MIN_MOUNT_PLACEMENTS:
+        return PoseGuess(status=_disagreement_status(len(rows), len(views)))
+    fit = fit_mount(T_start, T_robot_body[rows], T_camera_target[rows], camera_prior)
+    if (fit.sigma > np.repeat(tolerance, 3)).any():
+        return PoseGuess(status=_single_axis_status(len(rows), fit.sigma))
+    basis = f"the pattern in {len(rows)} of {len(views)} images that show one"
+    return PoseGuess(fit.T_body_target, np.maximum(fit.sigma, MIN_MOUNT_SIGMA), basis)
 
 
-def solve_camera_triples(pattern_readings):
-    """[T_robot_camera (4, 4)] of every three of the first placements, in every reading."""
-    out = []
-    for triple in combinations(pattern_readings[:MAX_START_PLACEMENTS], 3):
-        B = np.array([body for body, _ in triple])
+def solve_camera_triples(views: Sequence[PatternView]) -> list[np.ndarray]:
+    """Return T_robot_camera (4, 4) of every three of the first placements, in every reading."""
+    poses = []
+    for triple in combinations(views[:MAX_START_PLACEMENTS], 3):
+        T_robot_body = np.array([body for body, _ in triple])
         for readings in product(*(r for _, r in triple)):
-            Z = solve_hand_eye(B, np.array(readings))
-            out += [] if Z is None else [Z]
-    return out
+            Z = solve_hand_eye(T_robot_body, np.array(readings))
+            poses += [] if Z is None else [Z]
+    return poses
 
 
-def solve_hand_eye(T_robot_body, T_camera_target):
-    """T_robot_camera Z (4, 4) with (B_j B_i⁻¹) Z = Z (C_j C_i⁻¹) for T_robot_body B and
-    T_camera_target T_camera_target (n, 4, 4); None where the rotations share one axis."""
+def solve_hand_eye(T_robot_body: np.ndarray, T_camera_target: np.ndarray) -> np.ndarray | None:
+    """Solve (B_j B_i⁻¹) Z = Z (C_j C_i⁻¹) for Z = T_robot_camera (4, 4).
+
+    B = T_robot_body and C = T_camera_target are (n, 4, 4). None if all rotations share one axis.
+    """
     i, j = np.triu_indices(len(T_robot_body), 1)
     A, D = (P[j] @ invert_pose(P[i]) for P in (T_robot_body, T_camera_target))
-    there, here = (so3_log(P[:, :3, :3]) for P in (A, D))
-    u, s, vt = np.linalg.svd(there.T @ here)
-    if s[1] < 0.03 * s[0]:
+    robot_rotations, camera_rotations = (so3_log(P[:, :3, :3]) for P in (A, D))
+    u, s, vt = np.linalg.svd(robot_rotations.T @ camera_rotations)
+    if s[1] < MIN_SECOND_AXIS_RATIO * s[0]:
         return None
     R = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
-    left = (A[:, :3, :3] - np.eye(3)).reshape(-1, 3)
-    right = (D[:, :3, 3] @ R.T - A[:, :3, 3]).reshape(-1)
-    return make_pose(R, np.linalg.lstsq(left, right, rcond=None)[0])
+    coefficients = (A[:, :3, :3] - np.eye(3)).reshape(-1, 3)
+    values = (D[:, :3, 3] @ R.T - A[:, :3, 3]).reshape(-1)
+    return make_pose(R, np.linalg.lstsq(coefficients, values, rcond=None)[0])
 
 
-def fit_mount(T_robot_camera, T_robot_body, T_camera_target, camera_prior):
-    """(T_body_target (4, 4), σ (6,)) that fits all placements best, robustly, with T_robot_camera
-    free, from T_robot_camera (4, 4), and held by what is known of it."""
-    X = mean_pose(invert_pose(T_robot_body) @ T_robot_camera @ T_camera_target)[0]
+def fit_mount(
+    T_robot_camera: np.ndarray,
+    T_robot_body: np.ndarray,
+    T_camera_target: np.ndarray,
+    camera_prior: PoseGuess | None,
+) -> MountFit:
+    """Fit T_body_target to all placements by robust least squares.
 
-    def residual(x):
-        moved, mount = T_robot_camera @ se3_exp(x[:6]), X @ se3_exp(x[6:])
-        off = (
-            se3_log(invert_pose(moved @ T_camera_target) @ T_robot_body @ mount)
-            / INITIAL_IMAGE_POSE_SIGMA
-        )
-        held = (
-            se3_log(invert_pose(camera_prior[0]) @ moved) / camera_prior[1] if camera_prior else []
-        )
-        return np.concatenate([off.reshape(-1), held])
+    T_robot_camera (4, 4) is estimated too, from its start and with its prior.
+    """
+    T_start = mean_pose(invert_pose(T_robot_body) @ T_robot_camera @ T_camera_target)[0]
 
-    found = least_squares(residual, np.zeros(12), loss="soft_l1", x_scale="jac")
-    scale = np.sqrt(max(2 * found.cost / max(len(found.fun) - 12, 1), 1e-6))
-    information = found.jac.T @ found.jac + 1e-9 * np.eye(12)
+    def residual(x: np.ndarray) -> np.ndarray:
+        T_camera, mount = T_robot_camera @ se3_exp(x[:6]), T_start @ se3_exp(x[6:])
+        deviation = se3_log(invert_pose(T_camera @ T_camera_target) @ T_robot_body @ mount)
+        image_residual = (deviation / INITIAL_IMAGE_POSE_SIGMA).reshape(-1)
+        prior_residual = []
+        if camera_prior is not None:
+            prior_residual = (
+                se3_log(invert_pose(camera_prior.value) @ T_camera) / camera_prior.sigma
+            )
+        return np.concatenate([image_residual, prior_residual])
+
+    fit = least_squares(residual, np.zeros(12), loss="soft_l1", x_scale="jac")
+    scale = np.sqrt(max(2 * fit.cost / max(len(fit.fun) - 12, 1), 1e-6))
+    information = fit.jac.T @ fit.jac + 1e-9 * np.eye(12)
     sigma = np.sqrt(np.diag(np.linalg.inv(information))[6:])
-    return X @ se3_exp(found.x[6:]), sigma * max(scale, 1.0 if camera_prior else scale)
+    # With a prior, σ is not reduced below what the assumed σ of the images give.
+    min_scale = scale if camera_prior is None else 1.0
+    return MountFit(T_start @ se3_exp(fit.x[6:]), sigma * max(scale, min_scale))
 
 
-def _too_few_views_status(target, n_seen, n_samples):
+def _too_few_views_status(target: TargetShape, n_found: int, n_searched: int) -> Status:
+    pattern = "pattern" if target.pattern is None else target.pattern.name
     return failure_status(
-        "the mount of the target is unknown and not found",
-        f"its {target.pattern.name} seen at {n_seen} of {n_samples} placements",
+        "T_body_target is unknown and not found in the data",
+        f"{pattern} seen at {n_found} of {n_searched} placements",
         f"{MIN_MOUNT_PLACEMENTS} or more",
-        "Hold it still before a camera at more poses, or measure T_body_target.",
+        "Hold the target still in front of a camera at more poses, or measure T_body_target.",
     )
 
 
-def _disagreement_status(n_agreeing, n_seen):
+def _disagreement_status(n_agreeing: int, n_found: int) -> Status:
     return failure_status(
-        "the mount of the target is unknown and not found",
-        f"{n_agreeing} of {n_seen} images agree on one",
+        "T_body_target is unknown and not found in the data",
+        f"{n_agreeing} of {n_found} images agree on one pose",
         f"{MIN_MOUNT_PLACEMENTS} or more",
-        "Turn the target about two axes between placements; check its size and the camera.",
+        "Turn the target about two axes between placements. Check its size and the camera's "
+        "intrinsics.",
     )
 
 
-def _single_axis_status(n_agreeing, sigma):
+def _single_axis_status(n_agreeing: int, sigma: np.ndarray) -> Status:
     return failure_status(
-        "the mount of the target stays open: its rotations share one axis",
-        f"{n_agreeing} images agree to {1000 * sigma[:3].max():.0f} mm and "
+        "T_body_target is not determined: all rotations are about one axis",
+        f"{n_agreeing} images, sigma {1000 * sigma[:3].max():.0f} mm and "
         f"{np.degrees(sigma[3:].max()):.0f} deg",
         "rotations about two axes",
         "Record placements tilted about another axis too, or measure T_body_target.",

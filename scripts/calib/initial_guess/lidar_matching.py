@@ -1,36 +1,64 @@
-"""The pose at which most placements have a candidate where their target was, correspondences
-unknown."""
+"""Find the pose of a lidar at which most placements have a candidate where their target was.
 
+Which candidate is the target is unknown: poses are made from all pairs of candidates, and scored.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from calib.geometry.se3 import make_pose, se3_exp, transform_points
-from calib.initial_guess.frame_sampling import read_samples
-from calib.initial_guess.lidar_candidates import ShapeSignature, find_candidates, thin_scan
-from calib.initial_guess.pose_guess import PoseGuess
+from calib.initial_guess.frame_sampling import FrameSample, read_samples
+from calib.initial_guess.initial_guess import PoseGuess
+from calib.initial_guess.lidar_candidates import (
+    Candidate,
+    ShapeSignature,
+    find_candidates,
+    thin_scan,
+)
 from calib.initial_guess.pose_voting import (
-    agreement_tolerance,
+    PoseTolerance,
+    SearchCounts,
     is_decisive,
     is_near_pose,
     min_pose_sigma,
     no_consensus_status,
     undetermined_pose_status,
 )
+from calib.sensors.lidar.lidar_model import LidarModel
+from calib.targets.target_shapes import TargetShape
+from calib.views.sensor_reader import FrameReader
 
-MAX_MATCH_PAIRS = 4000  # pairs of candidates that poses are made from, the best fitting
-MIN_MATCH_SCATTER = 0.005, np.radians(0.3)  # σ of a candidate's centre and direction, at least
-MIN_CROSS_SHARE = (
-    0.05  # least share of three directions that lies across the first: below, a turn is open
-)
+CANDIDATE_DESCRIPTION = "a thing like the target"
+MAX_MATCH_PAIRS = 4000  # best pairs of candidates that poses are made from
+MIN_MATCH_SCATTER = PoseTolerance(0.005, np.radians(0.3))  # σ of centre and direction
+# Smallest share of three directions across the first one. Below it, a rotation is undetermined.
+MIN_CROSS_SHARE = 0.05
+N_REFINEMENT_ROUNDS = 6
+
+
+class CandidateMatch(NamedTuple):
+    """A candidate as a certain target; a row of CandidateMatches."""
+
+    centre: np.ndarray
+    direction: np.ndarray
+    target_centre: np.ndarray
+    target_direction: np.ndarray
+    placement: int
+    has_direction: bool
+    has_sign: bool
 
 
 @dataclass(frozen=True)
 class CandidateMatches:
-    """Candidates and what each would be: centre (n, 3) and direction (n, 3) in the sensor's frame,
-    place (n, 3) and axis (n, 3) in the robot's; group (n,), its placement; directed, signed (n,):
-    whether the direction counts, and its sign."""
+    """Candidates, each as the target of its placement.
+
+    centre, direction: (n, 3), sensor frame. target_centre, target_direction: (n, 3), robot frame.
+    placement: (n,). has_direction, has_sign: (n,) whether the direction counts, and its sign.
+    """
 
     centre: np.ndarray
     direction: np.ndarray
@@ -41,194 +69,272 @@ class CandidateMatches:
     has_sign: np.ndarray
 
     @classmethod
-    def from_rows(cls, rows):
-        """From rows that `pair` makes."""
-        empty = [np.zeros((0, 3))] * 4 + [np.zeros(0, int)] + [np.zeros(0, bool)] * 2
-        return cls(*(np.array(c) for c in (zip(*rows, strict=True) if rows else empty)))
+    def from_rows(cls, rows: list[CandidateMatch]) -> "CandidateMatches":
+        """Stack rows that make_match returns."""
+        if rows:
+            return cls(*(np.array(column) for column in zip(*rows, strict=True)))
+        vectors, flags = np.zeros((0, 3)), np.zeros(0, bool)
+        return cls(vectors, vectors, vectors, vectors, np.zeros(0, int), flags, flags)
 
 
-def make_match(centre, direction, signature, T_robot_target, placement):
-    """A row of Pairs: a candidate's centre and direction, and what it would be of a shape."""
-    there = transform_points(T_robot_target, signature.centre)
-    axis = T_robot_target[:3, :3] @ signature.direction
-    return centre, direction, there, axis, placement, signature.has_direction, signature.has_sign
+class MatchFit(NamedTuple):
+    """T_robot_sensor (4, 4), its σ (6,), and the scatter of centres, m, and directions, rad."""
+
+    T_robot_sensor: np.ndarray
+    sigma: np.ndarray
+    scatter: np.ndarray
 
 
-def match_pose(matches, n_samples, description, options):
-    """Found: the pose T_robot_sensor at which most of `looked` placements have a candidate."""
-    tolerance, least = agreement_tolerance(options), options["min_placements"]
-    groups = len(np.unique(matches.placement))
+class RefinedPose(NamedTuple):
+    """T_robot_sensor (4, 4), its σ (6,), and the rows of the candidates that agree."""
+
+    T_robot_sensor: np.ndarray
+    sigma: np.ndarray
+    rows: np.ndarray
+
+
+def make_match(
+    candidate: Candidate, signature: ShapeSignature, T_robot_target: np.ndarray, placement: int
+) -> CandidateMatch:
+    """Match a candidate with the target of a placement at T_robot_target (4, 4)."""
+    return CandidateMatch(
+        centre=candidate.centre,
+        direction=candidate.direction,
+        target_centre=transform_points(T_robot_target, signature.centre),
+        target_direction=T_robot_target[:3, :3] @ signature.direction,
+        placement=placement,
+        has_direction=signature.has_direction,
+        has_sign=signature.has_sign,
+    )
+
+
+def find_lidar_pose(
+    lidar: LidarModel,
+    targets: Mapping[str, TargetShape],
+    samples: list[FrameSample],
+    read_frame: FrameReader,
+    options: dict[str, Any],
+) -> PoseGuess:
+    """Search T_robot_lidar at which most placements have a candidate where the target was.
+
+    options: block `guess`.
+    """
+    signatures = {name: ShapeSignature.from_target(target) for name, target in targets.items()}
+    rows = []
+    for number, (sample, (xyz, _, _)) in enumerate(read_samples(samples, read_frame)):
+        target, signature = targets[sample.target], signatures[sample.target]
+        points = thin_scan(lidar, xyz.astype(float))
+        for candidate in find_candidates(lidar, target, signature, points, options):
+            rows.append(make_match(candidate, signature, sample.T_robot_target, number))
+    matches = CandidateMatches.from_rows(rows)
+    return match_pose(matches, len(samples), CANDIDATE_DESCRIPTION, options)
+
+
+def match_pose(
+    matches: CandidateMatches, n_searched: int, description: str, options: dict[str, Any]
+) -> PoseGuess:
+    """Return the pose at which most of n_searched placements have a candidate."""
+    tolerance, n_required = PoseTolerance.from_options(options), options["min_placements"]
+    n_found = len(np.unique(matches.placement))
     T = hypothesize_poses(matches, tolerance)
     if len(T) == 0:
-        return PoseGuess(status=no_consensus_status(description, 0, 0, groups, n_samples, least))
-    value = np.array([score_pose(matches, pose, tolerance) for pose in T])
-    best = T[value.argmax()]
-    apart = ~is_near_pose(T, best, (2 * tolerance[0], 2 * tolerance[1]))
-    rival = value[apart].max() if apart.any() else 0.0
-    best, sigma, rows = refine_match_pose(matches, best, tolerance)
-    if len(rows) < least or not is_decisive(value.max(), rival):
-        against = round(len(rows) * rival / value.max())
-        return PoseGuess(
-            status=no_consensus_status(description, len(rows), against, groups, n_samples, least)
-        )
-    if (sigma > np.repeat(tolerance, 3)).any():
-        return PoseGuess(status=undetermined_pose_status(description, len(rows), sigma))
+        counts = SearchCounts(0, 0, n_found, n_searched, n_required)
+        return PoseGuess(status=no_consensus_status(description, counts))
+    score = np.array([score_pose(matches, pose, tolerance) for pose in T])
+    best = T[score.argmax()]
+    is_rival = ~is_near_pose(T, best, tolerance.scaled(2))
+    rival_score = score[is_rival].max() if is_rival.any() else 0.0
+    pose = refine_match_pose(matches, best, tolerance)
+    n_agreeing = len(pose.rows)
+    if n_agreeing < n_required or not is_decisive(score.max(), rival_score):
+        n_rival_votes = round(n_agreeing * rival_score / score.max())
+        counts = SearchCounts(n_agreeing, n_rival_votes, n_found, n_searched, n_required)
+        return PoseGuess(status=no_consensus_status(description, counts))
+    if (pose.sigma > np.repeat(tolerance, 3)).any():
+        return PoseGuess(status=undetermined_pose_status(description, n_agreeing, pose.sigma))
     basis = (
-        f"{description} at {len(rows)} of {n_samples} placements, {groups} of them with a candidate"
+        f"{description} at {n_agreeing} of {n_searched} placements, {n_found} of them with a "
+        "candidate"
     )
-    return PoseGuess(best, np.maximum(sigma, min_pose_sigma(options)), basis)
+    return PoseGuess(pose.T_robot_sensor, np.maximum(pose.sigma, min_pose_sigma(options)), basis)
 
 
-def hypothesize_poses(matches, tolerance):
-    """T_robot_sensor (m, 4, 4) from all pairs of candidates that are to each other as their targets
-    are, the MOST alike of them."""
+def hypothesize_poses(matches: CandidateMatches, tolerance: PoseTolerance) -> np.ndarray:
+    """Return T_robot_sensor (m, 4, 4) from the pairs of candidates that are most like their targets.
+
+    Compared are the distance of a pair and the angle between its directions.
+    """
     i, j = np.triu_indices(len(matches.placement), 1)
-    other = matches.placement[i] != matches.placement[j]
-    i, j = i[other], j[other]
+    is_other_placement = matches.placement[i] != matches.placement[j]
+    i, j = i[is_other_placement], j[is_other_placement]
     # Twice the tolerance for two candidates, each of which may be off by as much.
-    unlike = np.abs(
+    misfit = np.abs(
         pair_distances(matches.centre, i, j) - pair_distances(matches.target_centre, i, j)
-    ) / (2 * tolerance[0])
-    i, j, unlike = (a[unlike < 1] for a in (i, j, unlike))
-    turned = np.abs(
+    ) / (2 * tolerance.shift_m)
+    is_alike = misfit < 1
+    i, j, misfit = i[is_alike], j[is_alike], misfit[is_alike]
+    angle_error = np.abs(
         angle_between(matches, matches.direction, i, j)
         - angle_between(matches, matches.target_direction, i, j)
     )
-    unlike = np.hypot(unlike, turned / (2 * tolerance[1]))
-    order = np.argsort(unlike, kind="stable")[:MAX_MATCH_PAIRS]
-    order = order[unlike[order] < 1]
+    misfit = np.hypot(misfit, angle_error / (2 * tolerance.turn_rad))
+    order = np.argsort(misfit, kind="stable")[:MAX_MATCH_PAIRS]
+    order = order[misfit[order] < 1]
     signs = [(a, b) for a in (1, -1) for b in (1, -1)]
     return np.concatenate(
         [align_match_pairs(matches, i[order], j[order], s, tolerance) for s in signs]
     )
 
 
-def pair_distances(points, i, j):
-    """Distances (k,) between points i and j."""
+def pair_distances(points: np.ndarray, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+    """Return the distances (k,) between points i and j."""
     return np.linalg.norm(points[i] - points[j], axis=1)
 
 
-def angle_between(matches, directions, i, j):
-    """Angles (k,), rad, between directions i and j; without a sign, of the lines; 0 without one."""
+def angle_between(
+    matches: CandidateMatches, directions: np.ndarray, i: np.ndarray, j: np.ndarray
+) -> np.ndarray:
+    """Return the angles (k,), rad, between directions i and j.
+
+    Between lines if a sign is unknown, and 0 if a direction is unknown.
+    """
     cosine = np.sum(directions[i] * directions[j], 1)
     cosine = np.where(matches.has_sign[i] & matches.has_sign[j], cosine, np.abs(cosine))
     return np.arccos(np.clip(cosine, -1, 1)) * (matches.has_direction[i] & matches.has_direction[j])
 
 
-def align_match_pairs(matches, i, j, signs, tolerance):
-    """T_robot_sensor (m, 4, 4) that lay baseline and directions of candidates i and j on those of
-    their targets, the directions with these signs; only where they fit and leave no turn open."""
-    possible = (matches.has_sign[i] <= (signs[0] > 0)) & (matches.has_sign[j] <= (signs[1] > 0))
-    i, j = i[possible], j[possible]
-    far = pair_distances(matches.target_centre, i, j)
-    weight = np.stack([np.minimum(far, 1), matches.has_direction[i], matches.has_direction[j]], 1)[
-        ..., None
+def align_match_pairs(
+    matches: CandidateMatches,
+    i: np.ndarray,
+    j: np.ndarray,
+    signs: tuple[int, int],
+    tolerance: PoseTolerance,
+) -> np.ndarray:
+    """Return T_robot_sensor (m, 4, 4) that align pairs of candidates with their targets.
+
+    The baseline and the directions, with these signs, of candidates i and j are aligned by the
+    Kabsch algorithm. Pairs that do not fit, or leave a rotation undetermined, are left out.
+    """
+    is_possible = (matches.has_sign[i] <= (signs[0] > 0)) & (matches.has_sign[j] <= (signs[1] > 0))
+    i, j = i[is_possible], j[is_possible]
+    baseline = pair_distances(matches.target_centre, i, j)
+    weight = np.stack(
+        [np.minimum(baseline, 1), matches.has_direction[i], matches.has_direction[j]], 1
+    )[..., None]
+    expected = [
+        normalize_vectors(matches.target_centre[j] - matches.target_centre[i]),
+        matches.target_direction[i],
+        matches.target_direction[j],
     ]
-    there = np.stack(
-        [
-            normalize_vectors(matches.target_centre[j] - matches.target_centre[i]),
-            matches.target_direction[i],
-            matches.target_direction[j],
-        ],
-        1,
-    )
-    seen = [normalize_vectors(matches.centre[j] - matches.centre[i])]
-    seen += [s * matches.direction[k] for s, k in zip(signs, (i, j), strict=True)]
-    seen = np.stack(seen, 1)
-    u, s, vt = np.linalg.svd(np.swapaxes(weight * there, 1, 2) @ seen)
+    measured = [
+        normalize_vectors(matches.centre[j] - matches.centre[i]),
+        signs[0] * matches.direction[i],
+        signs[1] * matches.direction[j],
+    ]
+    target_vectors, sensor_vectors = np.stack(expected, 1), np.stack(measured, 1)
+    u, s, vt = np.linalg.svd(np.swapaxes(weight * target_vectors, 1, 2) @ sensor_vectors)
     u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
     R = u @ vt
-    off = np.arccos(np.clip(np.sum(there * (seen @ np.swapaxes(R, 1, 2)), -1), -1, 1))
-    slack = np.full_like(off, 2 * tolerance[1])
-    slack[:, 0] += 2 * tolerance[0] / np.maximum(far, 1e-9)
-    good = ((off < slack) | (weight[..., 0] == 0)).all(1) & (s[:, 1] > MIN_CROSS_SHARE * s[:, 0])
-    middle = (matches.target_centre[i] + matches.target_centre[j]) / 2
-    t = middle - (R @ ((matches.centre[i] + matches.centre[j]) / 2)[..., None])[..., 0]
-    return make_pose(R[good], t[good])
+    rotated = sensor_vectors @ np.swapaxes(R, 1, 2)
+    angle = np.arccos(np.clip(np.sum(target_vectors * rotated, -1), -1, 1))
+    max_angle = np.full_like(angle, 2 * tolerance.turn_rad)
+    max_angle[:, 0] += 2 * tolerance.shift_m / np.maximum(baseline, 1e-9)
+    is_fitting = ((angle < max_angle) | (weight[..., 0] == 0)).all(1)
+    is_fitting &= s[:, 1] > MIN_CROSS_SHARE * s[:, 0]
+    target_middle = (matches.target_centre[i] + matches.target_centre[j]) / 2
+    sensor_middle = (matches.centre[i] + matches.centre[j]) / 2
+    t = target_middle - (R @ sensor_middle[..., None])[..., 0]
+    return make_pose(R[is_fitting], t[is_fitting])
 
 
-def normalize_vectors(v):
-    """Vectors (n, 3) of length one."""
+def normalize_vectors(v: np.ndarray) -> np.ndarray:
+    """Return vectors (n, 3) of length one."""
     return v / np.maximum(np.linalg.norm(v, axis=1), 1e-12)[:, None]
 
 
-def distance_in_tolerances(matches, T, tolerance):
-    """How far (n,) every candidate is from being its target at a pose, in tolerances."""
+def distance_in_tolerances(
+    matches: CandidateMatches, T: np.ndarray, tolerance: PoseTolerance
+) -> np.ndarray:
+    """Return how far (n,) every candidate is from its target at a pose (4, 4), in tolerances."""
     shift = np.linalg.norm(transform_points(T, matches.centre) - matches.target_centre, axis=1)
     cosine = np.sum((matches.direction @ T[:3, :3].T) * matches.target_direction, 1)
     cosine = np.where(matches.has_sign, cosine, np.abs(cosine))
     turn = np.arccos(np.clip(cosine, -1, 1)) * matches.has_direction
-    return np.hypot(shift / tolerance[0], turn / tolerance[1])
+    return np.hypot(shift / tolerance.shift_m, turn / tolerance.turn_rad)
 
 
-def score_pose(matches, T, tolerance):
-    """Sum over the placements of what their best candidate says for a pose: 1 at best, 0 at the
-    tolerance and beyond."""
-    value = np.maximum(1 - distance_in_tolerances(matches, T, tolerance) ** 2, 0)
+def score_pose(matches: CandidateMatches, T: np.ndarray, tolerance: PoseTolerance) -> float:
+    """Return the sum of the scores of each placement's best candidate at a pose (4, 4).
+
+    A score is 1 at best, and 0 at the tolerance and beyond.
+    """
+    score = np.maximum(1 - distance_in_tolerances(matches, T, tolerance) ** 2, 0)
     best = np.zeros(matches.placement.max() + 1)
-    np.maximum.at(best, matches.placement, value)
+    np.maximum.at(best, matches.placement, score)
     return best.sum()
 
 
-def select_best_matches(matches, T, tolerance):
-    """Row (k,) of the best candidate of every placement that has one within the tolerance."""
-    off = distance_in_tolerances(matches, T, tolerance)
+def select_best_matches(
+    matches: CandidateMatches, T: np.ndarray, tolerance: PoseTolerance
+) -> np.ndarray:
+    """Return the row (k,) of each placement's best candidate, within the tolerance."""
+    distance = distance_in_tolerances(matches, T, tolerance)
     rows = [
-        np.flatnonzero((matches.placement == g) & (off < 1)) for g in np.unique(matches.placement)
+        np.flatnonzero((matches.placement == g) & (distance < 1))
+        for g in np.unique(matches.placement)
     ]
-    return np.array([r[off[r].argmin()] for r in rows if len(r)], int)
+    return np.array([r[distance[r].argmin()] for r in rows if len(r)], int)
 
 
-def refine_match_pose(matches, T, tolerance):
-    """(T_robot_sensor (4, 4), σ (6,), rows of the candidates that agree) from a pose near it.
+def refine_match_pose(
+    matches: CandidateMatches, T: np.ndarray, tolerance: PoseTolerance
+) -> RefinedPose:
+    """Refine a pose (4, 4) with the candidates that agree.
 
-    σ from the scatter of centres and directions, which also narrows what agrees.
+    The scatter of their centres and directions gives σ, and narrows the tolerance.
     """
     sigma, rows = np.full(6, np.inf), select_best_matches(matches, T, tolerance)
     scatter = np.array(tolerance) / 3
-    for _ in range(6):
-        rows = select_best_matches(matches, T, np.minimum(tolerance, 4 * scatter))
+    for _ in range(N_REFINEMENT_ROUNDS):
+        narrowed = PoseTolerance(*np.minimum(tolerance, 4 * scatter))
+        rows = select_best_matches(matches, T, narrowed)
         if len(rows) < 2:
             break
         T, sigma, scatter = fit_match_pose(matches, T, rows, scatter)
-    return T, sigma, rows
+    return RefinedPose(T, sigma, rows)
 
 
-def fit_match_pose(matches, T, rows, scatter):
-    """(T_robot_sensor (4, 4), its σ (6,), scatter (2,) of centres, m, and directions, rad)."""
-    axis = matches.target_direction[rows]
-    turned = np.sum((matches.direction[rows] @ T[:3, :3].T) * axis, 1)
-    direction = np.where(turned < 0, -1, 1)[:, None] * matches.direction[rows]
+def fit_match_pose(
+    matches: CandidateMatches, T: np.ndarray, rows: np.ndarray, scatter: np.ndarray
+) -> MatchFit:
+    """Fit the pose to the candidates in some rows by robust least squares, from a pose near it.
 
-    def parts(x):
-        moved = T @ se3_exp(x)
-        shift = transform_points(moved, matches.centre[rows]) - matches.target_centre[rows]
-        turn = np.cross(direction @ moved[:3, :3].T, axis) * matches.has_direction[rows, None]
-        return shift, turn
+    scatter: (2,) σ of centres, m, and directions, rad.
+    """
+    target_direction = matches.target_direction[rows]
+    cosine = np.sum((matches.direction[rows] @ T[:3, :3].T) * target_direction, 1)
+    direction = np.where(cosine < 0, -1, 1)[:, None] * matches.direction[rows]
 
-    def residual(x):
-        shift, turn = parts(x)
+    def errors(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        T_moved = T @ se3_exp(xi)
+        shift = transform_points(T_moved, matches.centre[rows]) - matches.target_centre[rows]
+        turn = np.cross(direction @ T_moved[:3, :3].T, target_direction)
+        return shift, turn * matches.has_direction[rows, None]
+
+    def residual(xi: np.ndarray) -> np.ndarray:
+        shift, turn = errors(xi)
         return np.concatenate([shift / scatter[0], turn / scatter[1]]).reshape(-1)
 
-    found = least_squares(residual, np.zeros(6), loss="soft_l1", x_scale="jac")
-    # Shares of what the six unknowns take up, alike over both kinds.
-    free = max(1 - 6 / (5 * len(rows)), 0.2)
+    fit = least_squares(residual, np.zeros(6), loss="soft_l1", x_scale="jac")
+    # Degrees of freedom that the six unknowns take, shared by both kinds of error.
+    free_share = max(1 - 6 / (5 * len(rows)), 0.2)
     rms = [
-        np.sqrt(np.mean(np.sum(p * p, 1)) / k / free)
-        for p, k in zip(parts(found.x), (3, 2), strict=True)
+        np.sqrt(np.mean(np.sum(error * error, 1)) / n / free_share)
+        for error, n in zip(errors(fit.x), (3, 2), strict=True)
     ]
-    covariance = np.linalg.pinv(found.jac.T @ found.jac)
-    return T @ se3_exp(found.x), np.sqrt(np.diag(covariance)), np.maximum(rms, MIN_MATCH_SCATTER)
-
-
-def find_lidar_pose(lidar, targets, samples, read_frame, options):
-    """Found: the pose at which most placements have a candidate where the target was."""
-    forms = {n: ShapeSignature.from_target(s) for n, s in targets.items()}
-    rows = []
-    for number, (look, (xyz, _, _)) in enumerate(read_samples(samples, read_frame)):
-        points = thin_scan(lidar, xyz.astype(float))
-        form, target = forms[look.target], targets[look.target]
-        for seen in find_candidates(lidar, target, form, points, options):
-            rows.append(make_match(*seen, form, look.T_robot_target, number))
-    what = "a thing like the target"
-    return match_pose(CandidateMatches.from_rows(rows), len(samples), what, options)
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac)
+    return MatchFit(
+        T_robot_sensor=T @ se3_exp(fit.x),
+        sigma=np.sqrt(np.diag(covariance)),
+        scatter=np.maximum(rms, MIN_MATCH_SCATTER),
+    )

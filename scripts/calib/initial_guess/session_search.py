@@ -1,88 +1,161 @@
-"""What a session's log can tell of its sensors' poses and of its targets' mounts."""
+"""Search time offset, poses and mounts in the log of one session."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 
 from calib.initial_guess.camera_from_patterns import find_camera_pose
-from calib.initial_guess.frame_sampling import choose_frame_samples
-from calib.initial_guess.hand_eye import MountGuess, find_mount
+from calib.initial_guess.clock_lag import find_clock_lag
+from calib.initial_guess.frame_sampling import FrameSample, choose_frame_samples
+from calib.initial_guess.hand_eye import find_mount
+from calib.initial_guess.initial_guess import SOURCE_DATA, OffsetGuess, PoseGuess
 from calib.initial_guess.lidar_matching import find_lidar_pose
-from calib.initial_guess.pose_guess import PoseGuess
 from calib.io.parquet_tables import select_rows
-from calib.io.status import failure_status
+from calib.io.status import Status, failure_status
+from calib.mocap.body_trajectory import trajectory_from_columns
 from calib.sensors.sensor_models import sensor_model_from_config
-from calib.targets.target_shapes import target_from_config
-from calib.views.sensor_reader import make_frame_reader
-from calib.views.target_placements import compute_target_poses
+from calib.targets.target_shapes import TargetShape, target_from_config
+from calib.views.sensor_reader import FrameReader, make_frame_reader
+from calib.views.target_placements import (
+    Columns,
+    PlacementTable,
+    compute_target_poses,
+    trim_placement_ends,
+    with_mocap_time,
+)
+
+
+class PoseSearch(Protocol):
+    """Search the pose of one kind of sensor by what it sees of targets at known poses.
+
+    model: CameraModel or LidarModel. targets: by name. samples: frames to read. options: `guess`.
+    """
+
+    def __call__(
+        self,
+        model: Any,
+        targets: Mapping[str, TargetShape],
+        samples: list[FrameSample],
+        read_frame: FrameReader,
+        options: dict[str, Any],
+        /,
+    ) -> PoseGuess: ...
+
+
+POSE_SEARCHES: dict[str, PoseSearch] = {"camera": find_camera_pose, "lidar": find_lidar_pose}
 
 
 @dataclass(frozen=True)
 class SessionSearch:
-    """Columns of placements.parquet and frames.parquet, the open log, target blocks by name, and
-    the options of guess."""
+    """One session to search in.
 
-    placements: dict
-    frames: dict
-    log: object
-    targets: dict
-    options: dict
+    log: the open log. frames: columns of frames.parquet. placements: if poses are searched. poses:
+    columns of mocap.parquet, if the time offset is searched. options: of the stage guess.
+    """
 
-    def targets_without_mount(self):
-        """Names of the targets whose mount is to be found."""
-        return [n for n, c in sorted(self.targets.items()) if "mount" in c]
+    log: Any
+    frames: Columns
+    placements: PlacementTable | None
+    poses: Columns | None
+    options: dict[str, Any]
 
-    def _sample_frames(self, name, sensor, mounts):
-        """Looks of a sensor at the targets with a mount (name -> T_body_target), and its reader."""
+    def with_time_offset(self, time_offset: OffsetGuess) -> "SessionSearch":
+        """Return the session with frames on the clock of the MCS and trimmed placements."""
+        assert self.placements is not None
+        columns = trim_placement_ends(self.placements.columns, time_offset.sigma)
+        return replace(
+            self,
+            frames=with_mocap_time(self.frames, time_offset.value),
+            placements=replace(self.placements, columns=columns),
+        )
+
+    def targets_without_mount(self) -> list[str]:
+        """Return the names of the targets whose mount must be found."""
+        return [name for name, block in sorted(self.options["targets"].items()) if "mount" in block]
+
+    def search_time_offset(self, name: str, sensor: dict[str, Any]) -> OffsetGuess:
+        """Search the time offset of a sensor from when its data change."""
         frames = select_rows(self.frames, self.frames["sensor"] == name)
-        T = compute_target_poses(self.placements, mounts)
-        found = [
-            look
-            for target in sorted(mounts)
-            for look in choose_frame_samples(frames, self.placements, T, target, self.options)
+        trajectories = [
+            trajectory_from_columns(self.poses, body, self.options["max_gap_s"])
+            for body in self.options["bodies"]
         ]
-        return found, make_frame_reader(self.log, sensor, frames)
+        stated = {"value": sensor["time_offset_s"], "sigma": sensor["time_offset_sigma_s"]}
+        read_frame = make_frame_reader(self.log, sensor, frames)
+        return find_clock_lag(sensor["kind"], frames["stamp_ns"], read_frame, trajectories, stated)
 
-    def search_mount(self, target, cameras, poses):
-        """The handeye.Mount of a target by the first of the cameras (name -> block) that tells it.
+    def search_mount(
+        self,
+        target_name: str,
+        cameras: Mapping[str, dict[str, Any]],
+        camera_poses: Mapping[str, PoseGuess],
+    ) -> PoseGuess:
+        """Search T_body_target with the first of the cameras (name -> block) that determines it.
 
-        poses: what is known of cameras, name -> (T_robot_camera (4, 4), σ (6,)).
+        camera_poses: stated poses of cameras, by name.
         """
-        shape = target_from_config(self.targets[target])
-        found = MountGuess(status=_no_camera_status(target))
+        target = target_from_config(self.options["targets"][target_name])
+        guess = PoseGuess(status=_no_camera_status(target_name))
         for name, sensor in cameras.items():
-            seen = *self._sample_frames(name, sensor, {target: np.eye(4)}), poses.get(name)
-            found = find_mount(sensor_model_from_config(sensor), shape, *seen, self.options)
-            if found.status.ok:
+            samples, read_frame = self._sample_frames(name, sensor, {target_name: np.eye(4)})
+            guess = find_mount(
+                sensor_model_from_config(sensor),
+                target,
+                samples,
+                read_frame,
+                camera_prior=camera_poses.get(name),
+                options=self.options["guess"],
+            )
+            if guess.status.ok:
                 break
-        return found
+        return guess
 
-    def search_sensor_pose(self, name, sensor, mounts):
-        """Found: a sensor by what it saw of the targets with a mount (name -> T_body_target)."""
-        shapes = {n: target_from_config(self.targets[n]) for n in mounts}
-        seen, content_of = self._sample_frames(name, sensor, mounts)
-        if not seen:
+    def search_sensor_pose(
+        self, name: str, sensor: dict[str, Any], mounts: Mapping[str, np.ndarray]
+    ) -> PoseGuess:
+        """Search T_robot_sensor by the targets with a mount: T_body_target (4, 4) by name."""
+        targets = {n: target_from_config(self.options["targets"][n]) for n in mounts}
+        samples, read_frame = self._sample_frames(name, sensor, mounts)
+        if not samples:
             return PoseGuess(status=_no_frame_status(sorted(mounts)))
-        find = POSE_SEARCHES[sensor["kind"]]
-        return find(sensor_model_from_config(sensor), shapes, seen, content_of, self.options)
+        search = POSE_SEARCHES[sensor["kind"]]
+        model = sensor_model_from_config(sensor)
+        guess = search(model, targets, samples, read_frame, self.options["guess"])
+        return replace(guess, source=SOURCE_DATA) if guess.status.ok else guess
+
+    def _sample_frames(
+        self, name: str, sensor: dict[str, Any], mounts: Mapping[str, np.ndarray]
+    ) -> tuple[list[FrameSample], FrameReader]:
+        """Return samples of the targets with a mount in the frames of a sensor, and its reader."""
+        assert self.placements is not None
+        placements = self.placements.columns
+        frames = select_rows(self.frames, self.frames["sensor"] == name)
+        T_robot_target = compute_target_poses(placements, mounts)
+        samples = [
+            sample
+            for target_name in sorted(mounts)
+            for sample in choose_frame_samples(
+                frames, placements, T_robot_target, target_name, self.options["guess"]
+            )
+        ]
+        return samples, make_frame_reader(self.log, sensor, frames)
 
 
-def _no_camera_status(target):
+def _no_camera_status(target_name: str) -> Status:
     return failure_status(
-        f"the mount of {target} is unknown and there is no camera to find it by",
+        f"T_body_target of {target_name} is unknown and there is no camera to find it with",
         "no camera in the session",
         "1 or more that sees its pattern",
         "Measure T_body_target, or record a camera too.",
     )
 
 
-def _no_frame_status(names):
+def _no_frame_status(target_names: list[str]) -> Status:
     return failure_status(
         "no pose found in the data",
-        f"no frame while {' or '.join(names)} is held still",
+        f"no frame of the sensor while {' or '.join(target_names)} stands still",
         "frames at several placements",
         "Hold the targets still for a second at several places in view of this sensor.",
     )
-
-
-POSE_SEARCHES = {"camera": find_camera_pose, "lidar": find_lidar_pose}

@@ -1,35 +1,57 @@
-"""Where a sensor sits by what the rig or the log states of it."""
+"""Read the pose of a sensor that the rig config, an earlier calibration or the log states."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
 
 from calib.geometry.frame_graph import lookup_transform
-from calib.initial_guess.pose_guess import PoseGuess
+from calib.initial_guess.initial_guess import PoseGuess
 from calib.io.pose_block import pose_from_config, pose_sigma_from_config
 from calib.io.status import InputError, failure_status
 
 
-def pose_from_static_transforms(static_transforms, body, frame):
-    """T_body_frame (4, 4) along static transforms, those of log.json or of a URDF, or None."""
+def pose_from_static_transforms(
+    static_transforms: Iterable[Mapping[str, Any]], body: str, frame: str
+) -> np.ndarray | None:
+    """Return T_body_frame (4, 4) along static transforms of log.json or a URDF, or None.
+
+    Raises InputError if a transform is not a rigid motion.
+    """
     edges = {(e["parent"], e["child"]): pose_from_config(e["T"]) for e in static_transforms}
     return lookup_transform(edges, body, frame)
 
 
-def read_pose_guess(sensor_name, sensor, options, audit):
-    """(source, Found) of a pose that the rig or the log states, or of none: no pose, status ok."""
-    heard = audit["sensors"][sensor_name]
+def read_stated_pose(
+    sensor_name: str,
+    sensor: Mapping[str, Any],
+    options: Mapping[str, Any],
+    audit: Mapping[str, Any],
+) -> PoseGuess:
+    """Return the stated T_robot_sensor; without value and with status ok if nothing states it.
+
+    The first of these that states it: the sensor block, the file of `guess_from`, /tf_static.
+    audit: content of log.json.
+    """
+    frame = audit["sensors"][sensor_name]["frame"]
     sigma = pose_sigma_from_config(sensor.get("guess_sigma", options["guess"]["sigma"]))
-    given = options.get("given", {}).get(sensor_name, {})
-    for source, known in (("config", sensor), (given.get("source"), given)):
-        if "T_robot_sensor" in known:
-            return source, PoseGuess(pose_from_config(known["T_robot_sensor"]), sigma)
-    if given.get("static"):
-        T = pose_from_static_transforms(
-            given["static"], options["body"], heard["frame"].lstrip("/")
-        )
+    previous = options.get("given", {}).get(sensor_name, {})
+    if "T_robot_sensor" in sensor:
+        return PoseGuess(pose_from_config(sensor["T_robot_sensor"]), sigma, source="config")
+    if "T_robot_sensor" in previous:
+        T = pose_from_config(previous["T_robot_sensor"])
+        return PoseGuess(T, sigma, source=previous["source"])
+    if previous.get("static"):
+        T = pose_from_static_transforms(previous["static"], options["body"], frame.lstrip("/"))
         if T is not None:
-            return given["source"], PoseGuess(T, sigma)
+            return PoseGuess(T, sigma, source=previous["source"])
     try:
-        T = pose_from_static_transforms(audit["static"], options["body"], heard["frame"])
+        T = pose_from_static_transforms(audit["static"], options["body"], frame)
     except InputError as error:
-        remedy = f"Mend what publishes it, or write sensors.{sensor_name}.T_robot_sensor."
-        status = failure_status("a static transform of the log is no pose", error, "", remedy)
-        return "none", PoseGuess(status=status)
-    return ("none", PoseGuess()) if T is None else ("tf_static", PoseGuess(T, sigma))
+        status = failure_status(
+            "a static transform of the log is not a rigid motion",
+            error,
+            remedy=f"Fix its publisher, or set sensors.{sensor_name}.T_robot_sensor in the rig.",
+        )
+        return PoseGuess(status=status)
+    return PoseGuess() if T is None else PoseGuess(T, sigma, source="tf_static")

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from calib.initial_guess.pose_guess import PoseGuess
-from calib.initial_guess.stated_pose import read_pose_guess
+from calib.initial_guess.initial_guess import NO_SOURCE, PoseGuess
+from calib.initial_guess.stated_pose import read_stated_pose
 from calib.io.parquet_tables import select_rows
 from calib.io.status import Status, failure_status
 from calib.mocap.body_trajectory import (
@@ -110,10 +110,11 @@ def assess_sensor_visibility(
 ) -> SensorVisibility:
     """Return what a sensor may see in a session. options: of scripts/preflight.py."""
     block, audit = options["sensors"][name], session.audit["sensors"][name]
-    status, source, guess = Status.from_dict(audit["status"]), "none", PoseGuess()
+    status, guess = Status.from_dict(audit["status"]), PoseGuess()
     if status.ok:
-        source, guess = read_pose_guess(name, block, options, session.audit)
+        guess = read_stated_pose(name, block, options, session.audit)
         status = guess.status
+    source = guess.source
     if not status.ok:
         return SensorVisibility(block["kind"], status)
     frames = select_rows(session.frames, session.frames["sensor"] == name)
@@ -125,11 +126,11 @@ def assess_sensor_visibility(
     if not status.ok:
         return SensorVisibility(block["kind"], status, source, coverage)
     cropper = make_cropper(with_log_metadata(block, audit))
-    if session.has_remounted_markers or guess.T_robot_sensor is None:
-        source, posed = "none", UNKNOWN_POSE
+    if session.has_remounted_markers or guess.value is None:
+        source, posed = NO_SOURCE, UNKNOWN_POSE
     else:
         margin = options["crop"]["margin_sigma"] * np.asarray(guess.sigma)
-        posed = PosedSensor(cropper.model, cropper.check_visibility, guess.T_robot_sensor, margin)
+        posed = PosedSensor(cropper.model, cropper.check_visibility, guess.value, margin)
     has_times = cropper.has_measurement_time
     targets = _assess_targets(
         session, posed, frames, block=block, options=options, counts_moving_views=has_times

@@ -364,12 +364,13 @@ def extracted(q, keypoints, error=(0,) * 6, min_points=20):
     p, n = transform_points(T_BOARD, q), len(q)
     views = {"view": [0], "stamp_ns": [0], "target": ["board"], "placement": [0]}
     views |= {"point_time_ns": [np.zeros(n, int)], "ring": [np.zeros(n, int)]}
+    views |= {"xyz": [p.reshape(-1)]}
     target = replace(BOARD, point_template=replace(BOARD.point_template, keypoint_mode=keypoints))
     place = Placement("s", "board", T_BOARD, np.eye(4), np.zeros(6))
     options = {"min_points": min_points}
     T_guess = T_BOARD @ invert_pose(T_BOARD @ se3_exp(error))
     parts = ("lidar", LIDAR, {"board": target}, {0: place}, T_guess, None, None, options, {}, {})
-    return extract_template_keypoints(ExtractionContext(*parts), views, 0, p, np.arange(n))
+    return extract_template_keypoints(ExtractionContext(*parts), views, 0, np.arange(n))
 
 
 def test_all_returns_near_the_template_are_keypoints_with_the_noise_of_both():

@@ -14,7 +14,7 @@ import guess
 from calib.export.calibrated_scene import ExportScene, ExportSensor
 from calib.geometry.se3 import invert_pose, pose_from_rpy, se3_exp, se3_log, transform_points
 from calib.initial_guess.previous_calibration import read_previous_calibration
-from calib.initial_guess.stated_pose import read_pose_guess
+from calib.initial_guess.stated_pose import read_stated_pose
 from calib.io import config
 from calib.io.pose_block import pose_from_config, pose_json
 from calib.io.stage_cli import read_json, write_json
@@ -399,9 +399,9 @@ def test_an_earlier_calibration_gives_its_poses_by_sensor(tmp_path):
     options = {"name": "velodyne", "sensor": {}, "given": found, "body": "mocap/robot"}
     options["guess"] = {"sigma": {"xyz_m": 0.05, "rpy_deg": 5}}
     audit = {"sensors": {"velodyne": {"frame": "velodyne"}}, "static": []}
-    source, guessed = read_pose_guess("velodyne", {}, options, audit)
-    assert source == "old.json"
-    same(guessed.T_robot_sensor, T_BASE_LIDAR)
+    guessed = read_stated_pose("velodyne", {}, options, audit)
+    assert guessed.source == "old.json"
+    same(guessed.value, T_BASE_LIDAR)
 
 
 def test_the_rig_s_own_pose_goes_before_the_file_and_the_file_before_the_log():
@@ -414,19 +414,22 @@ def test_the_rig_s_own_pose_goes_before_the_file_and_the_file_before_the_log():
     options["guess"] = {"sigma": {"xyz_m": 0.05, "rpy_deg": 5}}
     static = [{"parent": "b", "child": "f", "T": {"xyz_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 1]}}]
     audit = {"sensors": {"s": {"frame": "f"}}, "static": static}
-    assert read_pose_guess("s", own, options, audit)[0] == "config"
-    assert read_pose_guess("s", {}, options, audit)[0] == "old.json"
-    assert read_pose_guess("s", {}, options | {"given": {}}, audit)[0] == "tf_static"
+    assert read_stated_pose("s", own, options, audit).source == "config"
+    assert read_stated_pose("s", {}, options, audit).source == "old.json"
+    assert read_stated_pose("s", {}, options | {"given": {}}, audit).source == "tf_static"
     lost = {"s": {"source": "robot.urdf", "static": [static[0] | {"child": "elsewhere"}]}}
-    assert read_pose_guess("s", {}, options | {"given": lost}, audit)[0] == "tf_static"
+    assert read_stated_pose("s", {}, options | {"given": lost}, audit).source == "tf_static"
 
 
 @pytest.mark.parametrize(
     "content, words",
     [
-        ("{}", "old.json: no calibration.json: KeyError('sensors')"),
-        ("[", "old.json: no calibration.json: "),
-        ('{"sensors": {"other": {"T_robot_sensor": null}}}', "old.json: knows no pose, of this"),
+        ("{}", "old.json is not a calibration.json: KeyError('sensors')"),
+        ("[", "old.json is not a calibration.json: "),
+        (
+            '{"sensors": {"other": {"T_robot_sensor": null}}}',
+            "old.json has no pose of a sensor of this rig; found no pose, ",
+        ),
     ],
 )
 def test_a_file_that_gives_no_guess_is_refused_in_words(tmp_path, content, words):
@@ -438,13 +441,15 @@ def test_a_file_that_gives_no_guess_is_refused_in_words(tmp_path, content, words
 
 def test_a_result_is_not_its_own_first_guess(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match="copy it out of results/"):
+    with pytest.raises(InputError, match="Copy the file out of results/"):
         read_previous_calibration("results/sim/calibration.json", RIG)
 
 
 def test_a_urdf_that_does_not_know_the_robot_s_body_says_what_to_write(tmp_path):
     (tmp_path / "robot.urdf").write_text(ROBOT)
-    with pytest.raises(InputError, match="state as export.parent a link of it, frame, with T_p"):
+    with pytest.raises(
+        InputError, match="Set export.parent in the rig: `frame`, a link of this URDF, and T_p"
+    ):
         read_previous_calibration(str(tmp_path / "robot.urdf"), RIG)
 
 
