@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calib.extraction.extraction_inputs import ExtractionContext, make_keypoint_columns
+from calib.extraction.extraction_inputs import ExtractionContext, kept_rows, make_keypoint_columns
 from calib.extraction.extraction_results import Extraction, ViewKeypoints
 from calib.extraction.working_pose import (
     LOOSE_GATES,
@@ -25,8 +25,9 @@ CAMERA_NOISE_FACTOR = 100.0
 
 def extract_camera_keypoints(context: ExtractionContext, views: Columns) -> Extraction:
     """Extract the keypoints of a camera (calib.extraction.extractor_registry)."""
-    kept = np.flatnonzero(views["kept"])
-    first = {i: extract_camera_view(context, views, i, context.T_robot_sensor) for i in kept}
+    first = {
+        i: extract_camera_view(context, views, i, context.T_robot_sensor) for i in kept_rows(views)
+    }
     extraction = Extraction.collect(views, first)
     keypoints = extraction.keypoints
     if not extraction.n_keypoints:

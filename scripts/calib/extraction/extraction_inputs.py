@@ -73,6 +73,11 @@ def make_extraction_context(
     )
 
 
+def kept_rows(views: Columns) -> list[int]:
+    """Return the rows of the kept views."""
+    return np.flatnonzero(views["kept"]).tolist()
+
+
 def make_keypoint_columns(
     views: Columns,
     i: int,

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from calib.extraction.extraction_inputs import ExtractionContext, make_keypoint_columns
+from calib.extraction.extraction_inputs import ExtractionContext, kept_rows, make_keypoint_columns
 from calib.extraction.extraction_results import Extraction, ViewKeypoints
 from calib.extraction.working_pose import (
     LOOSE_GATES,
@@ -84,8 +84,10 @@ def find_target_returns(context: ExtractionContext, views: Columns) -> FoundTarg
     In one view of each placement, which is enough to find the sensor; in all views of targets that
     are compared by points.
     """
-    returns, statuses, found_placements = {}, {}, set()
-    for i in np.flatnonzero(views["kept"]):
+    returns: dict[int, np.ndarray] = {}
+    statuses: dict[int, Status] = {}
+    found_placements: set[int] = set()
+    for i in kept_rows(views):
         target, placement = context.targets[views["target"][i]], int(views["placement"][i])
         if placement in found_placements:
             continue
@@ -137,7 +139,7 @@ def lidar_keypoints_at_pose(
     """
     statuses = check_kept_views(context, views, T_robot_sensor, check_lidar_visibility)
     results = {}
-    for i in np.flatnonzero(views["kept"]):
+    for i in kept_rows(views):
         if not statuses[i].ok:
             results[i] = ViewKeypoints(None, statuses[i])
         elif not context.targets[views["target"][i]].uses_exact_surface:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from calib.estimation.moving_view_poses import TargetPath, make_moving_placement
-from calib.extraction.extraction_inputs import ExtractionContext
+from calib.extraction.extraction_inputs import ExtractionContext, kept_rows
 from calib.extraction.extraction_results import Extraction
 from calib.extraction.extractor_registry import SENSOR_EXTRACTORS
 from calib.geometry.units import NS_PER_S
@@ -24,7 +24,7 @@ def extract_moving_views(
     guess_json: Mapping[str, Any],
     options: Mapping[str, Any],
 ) -> Extraction:
-    """Extract the kept views of moving_views.parquet; views without a pose of the MCS are left out.
+    """Extract the kept views of moving_views.parquet, except where the MCS has no pose.
 
     T_robot_sensor: working pose (4, 4). poses: columns of mocap.parquet. options: of extract.
     """
@@ -34,7 +34,7 @@ def extract_moving_views(
     mounts = mounts_from_guess(targets, guess_json)
     offset_ns = round(guess_json["time_offset_s"]["value"] * NS_PER_S)
     placements = {}
-    for i in np.flatnonzero(views["kept"]):
+    for i in kept_rows(views):
         target = str(views["target"][i])
         time_ns = _measurement_time_ns(views, i) + offset_ns
         placement = make_moving_placement(
@@ -50,7 +50,7 @@ def extract_moving_views(
     extract_view = SENSOR_EXTRACTORS[options["sensor"]["kind"]].extract_view
     results = {
         i: extract_view(moving, views, i, T_robot_sensor)
-        for i in np.flatnonzero(views["kept"])
+        for i in kept_rows(views)
         if int(views["placement"][i]) in placements
     }
     return Extraction.collect(views, results)
