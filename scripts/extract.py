@@ -2,8 +2,8 @@
 
 Reads   views.parquet, moving_views.parquet, placements.parquet, mocap.parquet, guess.json
 Writes  keypoints.parquet: corners; returns near a target's surface, more than solve uses; outline
-        crossings. Each with its σ and stamp. Its notes hold the outcome of every kept view, expected
-        against found, and the working pose that the views of this sensor agree on.
+        crossings. Each with its σ and stamp. Its notes hold the outcome of every kept view,
+        expected against found, and the working pose that the views of this sensor agree on.
         moving_keypoints.parquet: the same for moving targets; the number of a placement is the
         number of its view
 Starts from the initial guess and refines the working pose with the sensor's own views.
@@ -70,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         context = make_extraction_context(options, model, placements, guess)
         still = SENSOR_EXTRACTORS[kind].extract(context, views)
         status = extraction_status(options["name"], still)
-    if status.ok:
+    if still.T_robot_sensor is not None:
         moving_views, _, _ = read_table(args.moving_views, CROPPERS[kind].schema)
         poses, _, _ = read_table(args.mocap, MOCAP_SCHEMA)
         moving = extract_moving_views(

@@ -4,10 +4,11 @@ Reads   log.json; if something is searched: mocap.parquet, placements.parquet, f
         few frames of the log
 Writes  guess.json: both with uncertainty and source, T_body_target of targets with unknown mount,
         and the lens if a CameraInfo in the log gives it
-Decides first on the time offset, if the data show it. Then on the pose, in this order: T_robot_sensor
-        of the rig or the file of guess_from, unless the robot's markers were re-attached; /tf_static
-        of the log, from the robot body's frame to the frame of the sensor's messages; a search by
-        what the sensor sees of targets at known poses. Unknown mounts are searched with cameras.
+Decides first on the time offset, if the data show it. Then on the pose, in this order:
+        T_robot_sensor of the rig or the file of guess_from, unless the robot's markers were
+        re-attached; /tf_static of the log, from the robot body's frame to the frame of the sensor's
+        messages; a search by what the sensor sees of targets at known poses. Unknown mounts are
+        searched with cameras.
 """
 
 import argparse

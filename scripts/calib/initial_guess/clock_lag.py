@@ -200,20 +200,22 @@ def _search_offsets(
     offsets_s = stated_offset_s + steps
     offsets_ns = np.round(offsets_s * NS_PER_S).astype(np.int64)
     times_ns = changes.times_ns[None] + offsets_ns[:, None, None]
-    motion = sum(measure_motion(trajectory, times_ns) for trajectory in trajectories)
+    motion = sum(
+        (measure_motion(trajectory, times_ns) for trajectory in trajectories), start=np.zeros(1)
+    )
     return OffsetSearch(offsets_s, motion, rank_correlations(motion, changes.amount))
 
 
 def _offset_sigma(changes: FrameChanges, search: OffsetSearch, offset_s: float) -> float:
     """Return the σ of the best offset, s: a jackknife over the bursts, and a quarter interval."""
-    without_burst = [
+    offsets_s = [
         search.offsets_s[
             np.argmax(rank_correlations(search.motion[:, is_kept], changes.amount[is_kept]))
         ]
         for is_kept in (changes.burst != b for b in np.unique(changes.burst))
     ]
-    deviation = np.clip(without_burst - offset_s, -SAME_OFFSET_S, SAME_OFFSET_S)
-    spread = np.sqrt((len(without_burst) - 1) / len(without_burst) * np.sum(deviation**2))
+    deviation = np.clip(np.array(offsets_s) - offset_s, -SAME_OFFSET_S, SAME_OFFSET_S)
+    spread = np.sqrt((len(offsets_s) - 1) / len(offsets_s) * np.sum(deviation**2))
     interval_s = np.median(np.diff(changes.times_ns)) / NS_PER_S
     return float(np.hypot(max(spread, SEARCH_STEP_S), interval_s / 4))
 

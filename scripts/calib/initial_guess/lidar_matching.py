@@ -160,7 +160,7 @@ def match_pose(
 
 
 def hypothesize_poses(matches: CandidateMatches, tolerance: PoseTolerance) -> np.ndarray:
-    """Return T_robot_sensor (m, 4, 4) from the pairs of candidates that are most like their targets.
+    """Return T_robot_sensor (m, 4, 4) from the pairs of candidates most like their targets.
 
     Compared are the distance of a pair and the angle between its directions.
     """

@@ -62,8 +62,8 @@ def _read_urdf_transforms(path: Path, config: Mapping[str, Any]) -> dict[str, An
     if not links & {body, parent["frame"] if has_parent else body}:
         raise InputError(
             f"guess_from: {path} has no link {body} on a fixed joint; found "
-            f"{', '.join(sorted(links)) or 'no link'}. Set export.parent in the rig: `frame`, a link "
-            "of this URDF, and T_parent_robot."
+            f"{', '.join(sorted(links)) or 'no link'}. Set export.parent in the rig: `frame`, a "
+            "link of this URDF, and T_parent_robot."
         )
     static = [
         {"parent": a, "child": b, "T": {k: pose_json(T)[k] for k in POSE_KEYS}}

@@ -64,6 +64,7 @@ class SessionSearch:
     def with_time_offset(self, time_offset: OffsetGuess) -> "SessionSearch":
         """Return the session with frames on the clock of the MCS and trimmed placements."""
         assert self.placements is not None
+        assert time_offset.value is not None and time_offset.sigma is not None
         columns = trim_placement_ends(self.placements.columns, time_offset.sigma)
         return replace(
             self,
