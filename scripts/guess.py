@@ -42,7 +42,7 @@ def open_session_search(
     args: argparse.Namespace, options: dict[str, Any], audit: dict[str, Any]
 ) -> "SessionSearch | None":
     """Return the session to search in; None if the log is not read or lacks the sensor."""
-    if "log" not in options or not audit["sensors"][options["name"]]["status"]["ok"]:
+    if not args.frames or not audit["sensors"][options["name"]]["status"]["ok"]:
         return None
     # These imports take 0.6 s, which only a search should pay.
     from calib.initial_guess.session_search import SessionSearch

@@ -16,8 +16,8 @@ from calib.extraction.working_pose import (
 )
 from calib.geometry.icp import MAX_ICP_DISTANCE_M, register_template_icp
 from calib.geometry.se3 import invert_pose, transform_points
+from calib.initial_guess.candidate_matches import CandidateMatches, fit_match_pose, make_match
 from calib.initial_guess.lidar_candidates import ShapeSignature, measure_candidate
-from calib.initial_guess.lidar_matching import CandidateMatches, fit_match_pose, make_match
 from calib.io.parquet_tables import concatenate_columns
 from calib.io.status import OK, Status, failure_status
 from calib.io.table_schemas import KEYPOINTS_SCHEMA
@@ -176,12 +176,7 @@ def extract_template_keypoints(
     sigma = np.hypot(context.model.range_sigma, template.spacing)
     if template.keypoint_mode == "corners":
         if distance.max() > MAX_TEMPLATE_DISTANCE_M:
-            status = failure_status(
-                "returns do not fit the template",
-                f"a return {distance.max():.3f} m from the template registered by ICP",
-                f"at most {MAX_TEMPLATE_DISTANCE_M} m",
-            )
-            return ViewKeypoints(None, status)
+            return ViewKeypoints(None, _bad_template_fit_status(distance.max()))
         corners = transform_points(T, target.outline_points())
         columns = make_keypoint_columns(
             views, i, "template_vertex", range(len(corners)), xyz=corners, sigma=sigma
@@ -192,12 +187,16 @@ def extract_template_keypoints(
     if len(near) < n_required:
         status = failure_status("too few returns near the template", len(near), n_required)
         return ViewKeypoints(None, status)
-    columns = make_surface_columns(context, views, i, near)
-    columns |= {
-        "kind": np.full(len(near), "template_point"),
-        "sigma": np.full(len(near), sigma),
-    }
-    return ViewKeypoints(columns, OK)
+    columns = make_surface_columns(context, views, i, near, "template_point")
+    return ViewKeypoints(columns | {"sigma": np.full(len(near), sigma)}, OK)
+
+
+def _bad_template_fit_status(distance_m: float) -> Status:
+    return failure_status(
+        "returns do not fit the template",
+        f"a return {distance_m:.3f} m from the template registered by ICP",
+        f"at most {MAX_TEMPLATE_DISTANCE_M} m",
+    )
 
 
 def make_surface_columns(

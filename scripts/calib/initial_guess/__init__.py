@@ -10,6 +10,7 @@ frame_sampling          frames that a search reads
 pose_voting             the pose that most placements agree on
 camera_from_patterns    camera pose from printed patterns (bearing_pnp)
 camera_from_blobs       camera pose from coloured bodies
-lidar_matching          lidar pose from things like the targets (lidar_candidates)
+lidar_matching          lidar pose from things like the targets (lidar_candidates,
+                        candidate_matches)
 hand_eye                mount of a target in its MCS body
 """

@@ -163,7 +163,15 @@ def find_clock_lag(
     if len(changes.times_ns) < MIN_FRAME_PAIRS:
         found = f"{len(changes.times_ns)} pairs of frames"
         return _no_offset("too few frames", found, f"{MIN_FRAME_PAIRS}")
-    search = _search_offsets(changes, trajectories, config_offset["value"])
+    return _judge_offsets(
+        changes, _search_offsets(changes, trajectories, config_offset["value"]), config_offset
+    )
+
+
+def _judge_offsets(
+    changes: FrameChanges, search: OffsetSearch, config_offset: Mapping[str, float]
+) -> OffsetGuess:
+    """Return the best offset, or why it is not clear or not different from the stated one."""
     best = int(np.argmax(search.correlation))
     offset_s, correlation = search.offsets_s[best], search.correlation[best]
     stated = int(np.argmin(np.abs(search.offsets_s - config_offset["value"])))

@@ -4,21 +4,20 @@ Which candidate is the target is unknown: poses are made from all pairs of candi
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
-from calib.geometry.se3 import make_pose, se3_exp, transform_points
+from calib.geometry.se3 import make_pose, transform_points
+from calib.initial_guess.candidate_matches import (
+    CandidateMatch,
+    CandidateMatches,
+    fit_match_pose,
+    make_match,
+)
 from calib.initial_guess.frame_sampling import FrameSample, read_samples
 from calib.initial_guess.initial_guess import PoseGuess
-from calib.initial_guess.lidar_candidates import (
-    Candidate,
-    ShapeSignature,
-    find_candidates,
-    thin_scan,
-)
+from calib.initial_guess.lidar_candidates import ShapeSignature, find_candidates, thin_scan
 from calib.initial_guess.pose_voting import (
     PoseTolerance,
     SearchCounts,
@@ -34,55 +33,17 @@ from calib.views.sensor_reader import FrameReader
 
 CANDIDATE_DESCRIPTION = "a thing like the target"
 MAX_MATCH_PAIRS = 4000  # best pairs of candidates that poses are made from
-MIN_MATCH_SCATTER = PoseTolerance(0.005, np.radians(0.3))  # σ of centre and direction
 # Smallest share of three directions across the first one. Below it, a rotation is undetermined.
 MIN_CROSS_SHARE = 0.05
 N_REFINEMENT_ROUNDS = 6
 
 
-class CandidateMatch(NamedTuple):
-    """A candidate as a certain target; a row of CandidateMatches."""
+class _AlignedVectors(NamedTuple):
+    """Rotations R (m, 3, 3), angles (m, k) that are left, and whether R is determined (m,)."""
 
-    centre: np.ndarray
-    direction: np.ndarray
-    target_centre: np.ndarray
-    target_direction: np.ndarray
-    placement: int
-    has_direction: bool
-    has_sign: bool
-
-
-@dataclass(frozen=True)
-class CandidateMatches:
-    """Candidates, each as the target of its placement.
-
-    centre, direction: (n, 3), sensor frame. target_centre, target_direction: (n, 3), robot frame.
-    placement: (n,). has_direction, has_sign: (n,) whether the direction counts, and its sign.
-    """
-
-    centre: np.ndarray
-    direction: np.ndarray
-    target_centre: np.ndarray
-    target_direction: np.ndarray
-    placement: np.ndarray
-    has_direction: np.ndarray
-    has_sign: np.ndarray
-
-    @classmethod
-    def from_rows(cls, rows: list[CandidateMatch]) -> "CandidateMatches":
-        """Stack rows that make_match returns."""
-        if rows:
-            return cls(*(np.array(column) for column in zip(*rows, strict=True)))
-        vectors, flags = np.zeros((0, 3)), np.zeros(0, bool)
-        return cls(vectors, vectors, vectors, vectors, np.zeros(0, int), flags, flags)
-
-
-class MatchFit(NamedTuple):
-    """T_robot_sensor (4, 4), its σ (6,), and the scatter of centres, m, and directions, rad."""
-
-    T_robot_sensor: np.ndarray
-    sigma: np.ndarray
-    scatter: np.ndarray
+    R: np.ndarray
+    angle: np.ndarray
+    is_determined: np.ndarray
 
 
 class RefinedPose(NamedTuple):
@@ -91,21 +52,6 @@ class RefinedPose(NamedTuple):
     T_robot_sensor: np.ndarray
     sigma: np.ndarray
     rows: np.ndarray
-
-
-def make_match(
-    candidate: Candidate, signature: ShapeSignature, T_robot_target: np.ndarray, placement: int
-) -> CandidateMatch:
-    """Match a candidate with the target of a placement at T_robot_target (4, 4)."""
-    return CandidateMatch(
-        centre=candidate.centre,
-        direction=candidate.direction,
-        target_centre=transform_points(T_robot_target, signature.centre),
-        target_direction=T_robot_target[:3, :3] @ signature.direction,
-        placement=placement,
-        has_direction=signature.has_direction,
-        has_sign=signature.has_sign,
-    )
 
 
 def find_lidar_pose(
@@ -120,7 +66,7 @@ def find_lidar_pose(
     options: block `guess`.
     """
     signatures = {name: ShapeSignature.from_target(target) for name, target in targets.items()}
-    rows = []
+    rows: list[CandidateMatch] = []
     for number, (sample, (xyz, _, _)) in enumerate(read_samples(samples, read_frame)):
         target, signature = targets[sample.target], signatures[sample.target]
         points = thin_scan(lidar, xyz.astype(float))
@@ -212,8 +158,8 @@ def align_match_pairs(
 ) -> np.ndarray:
     """Return T_robot_sensor (m, 4, 4) that align pairs of candidates with their targets.
 
-    The baseline and the directions, with these signs, of candidates i and j are aligned by the
-    Kabsch algorithm. Pairs that do not fit, or leave a rotation undetermined, are left out.
+    The baseline and the directions, with these signs, of candidates i and j are aligned. Pairs that
+    do not fit, or leave a rotation undetermined, are left out.
     """
     is_possible = (matches.has_sign[i] <= (signs[0] > 0)) & (matches.has_sign[j] <= (signs[1] > 0))
     i, j = i[is_possible], j[is_possible]
@@ -231,20 +177,27 @@ def align_match_pairs(
         signs[0] * matches.direction[i],
         signs[1] * matches.direction[j],
     ]
-    target_vectors, sensor_vectors = np.stack(expected, 1), np.stack(measured, 1)
-    u, s, vt = np.linalg.svd(np.swapaxes(weight * target_vectors, 1, 2) @ sensor_vectors)
-    u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
-    R = u @ vt
-    rotated = sensor_vectors @ np.swapaxes(R, 1, 2)
-    angle = np.arccos(np.clip(np.sum(target_vectors * rotated, -1), -1, 1))
-    max_angle = np.full_like(angle, 2 * tolerance.turn_rad)
+    rotation = _align_vectors(np.stack(expected, 1), np.stack(measured, 1), weight)
+    max_angle = np.full_like(rotation.angle, 2 * tolerance.turn_rad)
     max_angle[:, 0] += 2 * tolerance.shift_m / np.maximum(baseline, 1e-9)
-    is_fitting = ((angle < max_angle) | (weight[..., 0] == 0)).all(1)
-    is_fitting &= s[:, 1] > MIN_CROSS_SHARE * s[:, 0]
+    is_fitting = ((rotation.angle < max_angle) | (weight[..., 0] == 0)).all(1)
+    is_fitting &= rotation.is_determined
     target_middle = (matches.target_centre[i] + matches.target_centre[j]) / 2
     sensor_middle = (matches.centre[i] + matches.centre[j]) / 2
-    t = target_middle - (R @ sensor_middle[..., None])[..., 0]
-    return make_pose(R[is_fitting], t[is_fitting])
+    t = target_middle - (rotation.R @ sensor_middle[..., None])[..., 0]
+    return make_pose(rotation.R[is_fitting], t[is_fitting])
+
+
+def _align_vectors(
+    expected: np.ndarray, measured: np.ndarray, weight: np.ndarray
+) -> _AlignedVectors:
+    """Rotate k measured unit vectors (m, k, 3) onto the expected ones by the Kabsch algorithm."""
+    u, s, vt = np.linalg.svd(np.swapaxes(weight * expected, 1, 2) @ measured)
+    u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
+    R = u @ vt
+    rotated = measured @ np.swapaxes(R, 1, 2)
+    angle = np.arccos(np.clip(np.sum(expected * rotated, -1), -1, 1))
+    return _AlignedVectors(R, angle, s[:, 1] > MIN_CROSS_SHARE * s[:, 0])
 
 
 def normalize_vectors(v: np.ndarray) -> np.ndarray:
@@ -302,39 +255,3 @@ def refine_match_pose(
             break
         T, sigma, scatter = fit_match_pose(matches, T, rows, scatter)
     return RefinedPose(T, sigma, rows)
-
-
-def fit_match_pose(
-    matches: CandidateMatches, T: np.ndarray, rows: np.ndarray, scatter: np.ndarray
-) -> MatchFit:
-    """Fit the pose to the candidates in some rows by robust least squares, from a pose near it.
-
-    scatter: (2,) σ of centres, m, and directions, rad.
-    """
-    target_direction = matches.target_direction[rows]
-    cosine = np.sum((matches.direction[rows] @ T[:3, :3].T) * target_direction, 1)
-    direction = np.where(cosine < 0, -1, 1)[:, None] * matches.direction[rows]
-
-    def errors(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        T_moved = T @ se3_exp(xi)
-        shift = transform_points(T_moved, matches.centre[rows]) - matches.target_centre[rows]
-        turn = np.cross(direction @ T_moved[:3, :3].T, target_direction)
-        return shift, turn * matches.has_direction[rows, None]
-
-    def residual(xi: np.ndarray) -> np.ndarray:
-        shift, turn = errors(xi)
-        return np.concatenate([shift / scatter[0], turn / scatter[1]]).reshape(-1)
-
-    fit = least_squares(residual, np.zeros(6), loss="soft_l1", x_scale="jac")
-    # Degrees of freedom that the six unknowns take, shared by both kinds of error.
-    free_share = max(1 - 6 / (5 * len(rows)), 0.2)
-    rms = [
-        np.sqrt(np.mean(np.sum(error * error, 1)) / n / free_share)
-        for error, n in zip(errors(fit.x), (3, 2), strict=True)
-    ]
-    covariance = np.linalg.pinv(fit.jac.T @ fit.jac)
-    return MatchFit(
-        T_robot_sensor=T @ se3_exp(fit.x),
-        sigma=np.sqrt(np.diag(covariance)),
-        scatter=np.maximum(rms, MIN_MATCH_SCATTER),
-    )

@@ -9,6 +9,7 @@ from calib.geometry.pose_margin import angular_margin
 from calib.geometry.se3 import invert_pose, so3_exp, transform_points
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.lidar.lidar_model import LidarModel
+from calib.targets.target_shapes import TargetShape
 
 MIN_SQUARE_PX = 6.0
 MIN_BLOB_SIZE_PX = 15.0  # geometric mean of the spread of the outline along and across
@@ -22,7 +23,7 @@ class VisibilityCheck(Protocol):
     def __call__(
         self,
         model: Any,
-        target: Any,
+        target: TargetShape,
         T_sensor_target: np.ndarray,
         margin: np.ndarray,
         options: dict[str, Any],
@@ -48,7 +49,7 @@ class PosedSensor:
         return invert_pose(self.T_robot_sensor) @ T_robot_target
 
     def reason_against(
-        self, target: Any, T_robot_target: np.ndarray, options: dict[str, Any]
+        self, target: TargetShape, T_robot_target: np.ndarray, options: dict[str, Any]
     ) -> str:
         """Return why the target at a pose (4, 4) is not visible, "" if it is. options: `crop`."""
         T_sensor_target = self.T_sensor_target(T_robot_target)
@@ -57,7 +58,7 @@ class PosedSensor:
 
 def check_lidar_visibility(
     lidar: LidarModel,
-    target: Any,
+    target: TargetShape,
     T_sensor_target: np.ndarray,
     margin: np.ndarray,
     options: dict[str, Any],
@@ -93,7 +94,7 @@ def check_lidar_visibility(
 
 def check_camera_visibility(
     camera: CameraModel,
-    target: Any,
+    target: TargetShape,
     T_sensor_target: np.ndarray,
     margin: np.ndarray,
     options: dict[str, Any],
@@ -152,7 +153,7 @@ class _Incidence(NamedTuple):
 
 
 def _check_incidence(
-    target: Any, T_sensor_target: np.ndarray, margin: np.ndarray, options: dict[str, Any]
+    target: TargetShape, T_sensor_target: np.ndarray, margin: np.ndarray, options: dict[str, Any]
 ) -> _Incidence:
     """Check the angle of incidence at the best pose of the sensor within the margin."""
     sensor = invert_pose(T_sensor_target)[:3, 3]
@@ -161,6 +162,6 @@ def _check_incidence(
     slack = np.arcsin(min(1.0, shift))
     if not is_facing and (slack == 0 or cosine <= -np.sin(slack)):
         return _Incidence("seen from behind", 0.0)
-    angle = max(0.0, np.arccos(np.clip(cosine, -1, 1)) - slack)
+    angle = max(0.0, float(np.arccos(np.clip(cosine, -1, 1)) - slack))
     is_too_flat = angle > np.radians(options["max_incidence_deg"])
     return _Incidence("seen too flat" if is_too_flat else "", np.cos(angle))

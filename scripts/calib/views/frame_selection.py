@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.targets.target_shapes import TargetShape
 from calib.views.field_of_view import PosedSensor
 from calib.views.placement_selection import select_placements
 from calib.views.pose_selection import select_new_poses, space_evenly
@@ -15,7 +16,7 @@ SPARE_PLACEMENT_FACTOR = 1.5
 
 def select_frames(
     sensor: PosedSensor,
-    target: Any,
+    target: TargetShape,
     placement_by_frame: np.ndarray,
     T_robot_target: np.ndarray,
     options: dict[str, Any],

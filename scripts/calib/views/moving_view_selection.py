@@ -7,6 +7,7 @@ import numpy as np
 from calib.geometry.units import NS_PER_S
 from calib.mocap.body_trajectory import Trajectory
 from calib.mocap.moving_pose_fit import fit_local_motion
+from calib.targets.target_shapes import TargetShape
 from calib.views.field_of_view import PosedSensor
 from calib.views.pose_selection import space_evenly
 
@@ -29,7 +30,7 @@ class MovingTargetView(NamedTuple):
 
 def select_moving_views(
     sensor: PosedSensor,
-    target: Any,
+    target: TargetShape,
     trajectory: Trajectory,
     T_body_target: np.ndarray,
     stamps_ns: np.ndarray,

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from calib.io.status import OK, Status, failure_status
+from calib.targets.target_shapes import TargetShape
 from calib.views.field_of_view import PosedSensor
 
 ENOUGH_PLACEMENTS = "enough placements"
@@ -13,7 +14,7 @@ ENOUGH_PLACEMENTS = "enough placements"
 
 def select_placements(
     sensor: PosedSensor,
-    target: Any,
+    target: TargetShape,
     T_robot_target: Mapping[int, np.ndarray] | np.ndarray,
     numbers: Iterable[int],
     options: dict[str, Any],

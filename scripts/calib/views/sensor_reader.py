@@ -18,6 +18,7 @@ from calib.sensors.lidar.clouds import cloud_messages
 from calib.sensors.lidar.clouds.cloud_layout import CloudLayout
 from calib.sensors.lidar.lidar_model import LidarModel
 from calib.sensors.sensor_models import camera_from_config
+from calib.targets.target_shapes import TargetShape
 from calib.views.field_of_view import (
     VisibilityCheck,
     check_camera_visibility,
@@ -37,7 +38,7 @@ class TargetWindow:
     the clock of the MCS. span_ns: start and end of the time in which the target stands still.
     """
 
-    target: Any
+    target: TargetShape
     T_sensor_target: np.ndarray
     margin: np.ndarray
     time_ns: int
@@ -67,18 +68,18 @@ class Cropper(Protocol):
     def empty_payload(self) -> Payload:
         """Return the payload columns of a view that is not kept."""
 
-    def read_message(self, message: Any) -> Any:
+    def read_message(self, message: Any, /) -> Any:
         """Return the measurement in a message. Raises MessageError if it cannot be read."""
 
-    def cut_window(self, measurement: Any, window: TargetWindow) -> WindowCut:
+    def cut_window(self, measurement: Any, window: TargetWindow, /) -> WindowCut:
         """Cut the part around the target out of what read_message returned."""
 
 
 class LidarCropper:
     """Cuts all returns in the angular window around a target, at any range."""
 
-    schema = LIDAR_VIEWS_SCHEMA
-    check_visibility = staticmethod(check_lidar_visibility)
+    schema: ClassVar[pa.Schema] = LIDAR_VIEWS_SCHEMA
+    check_visibility: ClassVar[VisibilityCheck] = staticmethod(check_lidar_visibility)
 
     def __init__(self, config: dict[str, Any]) -> None:
         self.model = LidarModel.from_config(config)
@@ -120,8 +121,8 @@ class LidarCropper:
 class CameraCropper:
     """Cuts the image region around a target, as PNG."""
 
-    schema = CAMERA_VIEWS_SCHEMA
-    check_visibility = staticmethod(check_camera_visibility)
+    schema: ClassVar[pa.Schema] = CAMERA_VIEWS_SCHEMA
+    check_visibility: ClassVar[VisibilityCheck] = staticmethod(check_camera_visibility)
 
     def __init__(self, config: dict[str, Any]) -> None:
         self.model = camera_from_config(config)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from calib.mocap.body_trajectory import Trajectory
-from calib.targets.target_shapes import target_from_config
+from calib.targets.target_shapes import TargetShape, target_from_config
 from calib.views.field_of_view import PosedSensor
 from calib.views.frame_selection import select_frames
 from calib.views.moving_view_selection import select_moving_views
@@ -35,7 +35,7 @@ class ViewCutter:
 
     cropper: Cropper
     sensor: PosedSensor
-    targets: dict[str, Any]
+    targets: dict[str, TargetShape]
     mounts: dict[str, np.ndarray]
     frames: Columns
     read_frame: FrameReader

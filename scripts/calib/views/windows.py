@@ -1,12 +1,11 @@
 """Find the part of a scan or image around a target that is kept."""
 
-from typing import Any
-
 import numpy as np
 
 from calib.geometry.pose_margin import angular_margin
 from calib.geometry.se3 import transform_points
 from calib.sensors.camera.camera_model import CameraModel
+from calib.targets.target_shapes import TargetShape
 
 # Directions in the camera frame in which a point is shifted by the margin.
 MARGIN_DIRECTIONS = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
@@ -28,7 +27,7 @@ def pixel_margin(camera: CameraModel, p_camera: np.ndarray, margin: np.ndarray) 
 
 
 def is_in_view_cone(
-    points: np.ndarray, target: Any, T_sensor_target: np.ndarray, margin: np.ndarray
+    points: np.ndarray, target: TargetShape, T_sensor_target: np.ndarray, margin: np.ndarray
 ) -> np.ndarray:
     """Return which points (n, 3), sensor frame, are in the angular window around the target.
 
@@ -42,7 +41,7 @@ def is_in_view_cone(
 
 
 def find_image_region(
-    camera: CameraModel, target: Any, T_sensor_target: np.ndarray, margin: np.ndarray
+    camera: CameraModel, target: TargetShape, T_sensor_target: np.ndarray, margin: np.ndarray
 ) -> tuple[int, int, int, int]:
     """Return columns and rows (u0, u1, v0, v1) of the image around a target, with its margin."""
     points = transform_points(T_sensor_target, target.outline_points())

@@ -15,10 +15,11 @@ from calib.geometry.se3 import invert_pose, make_pose, se3_exp, se3_log, so3_exp
 from calib.initial_guess import camera_from_blobs
 from calib.initial_guess.camera_from_blobs import blob_features, find_best_blob_pose, fit_blob_pose
 from calib.initial_guess.camera_from_patterns import solve_pattern_poses, vote_pattern_pose
+from calib.initial_guess.candidate_matches import CandidateMatches, make_match
 from calib.initial_guess.hand_eye import solve_mount
 from calib.initial_guess.initial_guess import InitialGuess
 from calib.initial_guess.lidar_candidates import Candidate, ShapeSignature
-from calib.initial_guess.lidar_matching import CandidateMatches, make_match, match_pose
+from calib.initial_guess.lidar_matching import match_pose
 from calib.initial_guess.pose_voting import PoseTolerance, vote_for_pose
 from calib.io.config import validate_and_complete
 from calib.io.stage_cli import read_json
