@@ -91,7 +91,7 @@ def extract_pattern_corners(
     assert pattern is not None
     offset = np.array([views["u0"][i], views["v0"][i]])
     corners, status = pattern.locate_corners(to_grey(image), context.model, offset)
-    if not status.ok:
+    if corners is None:
         return ViewKeypoints(None, status)
     columns = make_keypoint_columns(
         views,

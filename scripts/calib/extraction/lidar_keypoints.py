@@ -1,7 +1,7 @@
 """Extract returns on a target's surface and crossings of its outline, or the paper's keypoints."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,6 +23,7 @@ from calib.io.status import OK, Status, failure_status
 from calib.io.table_schemas import KEYPOINTS_SCHEMA
 from calib.sensors.lidar.outline_crossings import find_outline_crossings
 from calib.sensors.lidar.target_search import find_target_in_scan
+from calib.targets.target_shapes import ExactSurface
 from calib.views.field_of_view import check_lidar_visibility
 from calib.views.target_placements import Columns
 
@@ -229,14 +230,16 @@ def extract_lidar_view(
     points = view_points(views, i)
     T_sensor_target = context.predict_target_pose(placement, T_robot_sensor)
     q = transform_points(invert_pose(T_sensor_target), points)
-    distance, depth = np.abs(target.surface_distance(*q.T)), target.distance_inside_rim(q)
+    # All targets with uses_exact_surface have the members of this protocol.
+    surface = cast(ExactSurface, target)
+    distance, depth = np.abs(surface.surface_distance(*q.T)), surface.distance_inside_rim(q)
     n_on_target = int(np.sum((distance < ON_TARGET_DISTANCE_M) & (depth > 0)))
     n_required = context.extract_options["min_points"]
     if n_on_target < n_required:
         status = failure_status("too few returns on the target", n_on_target, n_required)
         return ViewKeypoints(None, status)
     is_near = (distance < MAX_SURFACE_DISTANCE_M) & (depth > -MAX_SURFACE_DISTANCE_M)
-    cap_rows = np.flatnonzero(target.is_near_cap(q, MAX_SURFACE_DISTANCE_M))
+    cap_rows = np.flatnonzero(surface.is_near_cap(q, MAX_SURFACE_DISTANCE_M))
     parts = [
         make_surface_columns(context, views, i, np.flatnonzero(is_near)),
         make_surface_columns(context, views, i, cap_rows, "cylinder_cap"),

@@ -69,7 +69,7 @@ def check_lidar_visibility(
     options: min_returns and max_incidence_deg.
     """
     centre = transform_points(T_sensor_target, target.centre)
-    distance, shift = np.linalg.norm(centre), np.linalg.norm(margin[:3])
+    distance, shift = float(np.linalg.norm(centre)), float(np.linalg.norm(margin[:3]))
     if not lidar.range_limits[0] - shift < distance < lidar.range_limits[1] + shift:
         return f"at {distance:.1f} m, outside range_m"
     slack = angular_margin(margin, distance) + np.arcsin(
@@ -158,7 +158,7 @@ def _check_incidence(
     """Check the angle of incidence at the best pose of the sensor within the margin."""
     sensor = invert_pose(T_sensor_target)[:3, 3]
     is_facing, cosine = target.check_facing(sensor)
-    shift = np.linalg.norm(margin[:3]) / np.linalg.norm(sensor - target.centre)
+    shift = float(np.linalg.norm(margin[:3]) / np.linalg.norm(sensor - target.centre))
     slack = np.arcsin(min(1.0, shift))
     if not is_facing and (slack == 0 or cosine <= -np.sin(slack)):
         return _Incidence("seen from behind", 0.0)

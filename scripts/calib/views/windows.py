@@ -34,8 +34,9 @@ def is_in_view_cone(
     The window has any range. margin: (6,) m and rad, by which T_sensor_target (4, 4) may be wrong.
     """
     centre = transform_points(T_sensor_target, target.centre)
-    distance = np.linalg.norm(centre)
-    half = np.arcsin(min(1.0, target.bounding_radius / distance)) + angular_margin(margin, distance)
+    distance = float(np.linalg.norm(centre))
+    radius_rad = np.arcsin(min(1.0, target.bounding_radius / distance))
+    half = radius_rad + angular_margin(margin, distance)
     along = points @ (centre / distance)
     return along > np.cos(min(half, np.pi)) * np.linalg.norm(points, axis=1)
 
