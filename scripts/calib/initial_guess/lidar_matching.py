@@ -5,6 +5,7 @@ Which candidate is the target is unknown: poses are made from all pairs of candi
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
+from typing import Any as TargetShape
 
 import numpy as np
 
@@ -28,7 +29,6 @@ from calib.initial_guess.pose_voting import (
     undetermined_pose_status,
 )
 from calib.sensors.lidar.lidar_model import LidarModel
-from calib.targets.target_shapes import TargetShape
 from calib.views.sensor_reader import FrameReader
 
 CANDIDATE_DESCRIPTION = "a thing like the target"
