@@ -13,12 +13,13 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import yaml
 
-from benchmarking.accuracy.accuracy_cases import list_accuracy_cases
-from benchmarking.accuracy.draw_statistics import compute_run_statistics
-from benchmarking.accuracy.error_metrics import summarize_outcomes
+from benchmarking.accuracy.accuracy_cases import AccuracyCase, list_accuracy_cases
+from benchmarking.accuracy.draw_statistics import DrawStatistics, compute_run_statistics
+from benchmarking.accuracy.error_metrics import AccuracyLine, summarize_outcomes
 from benchmarking.accuracy.parallel_draws import plan_draw_tasks, run_all_draws
 from benchmarking.accuracy.result_collection import (
     collect_full_runs,
@@ -52,6 +53,7 @@ from benchmarking.fuzzing.fuzzing_page import build_fuzz_section
 from benchmarking.lab_faults.lab_faults import (
     LAB_FAULTS,
     QUICK_FAULTS,
+    LabOutcome,
     lab_estimate_options,
     lab_log_name,
     make_lab_rig,
@@ -65,7 +67,7 @@ from benchmarking.page.error_chart import render_error_chart_svg
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def parse_benchmark_arguments(argv):
+def parse_benchmark_arguments(argv: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -79,24 +81,24 @@ def parse_benchmark_arguments(argv):
     return parser.parse_args(argv)
 
 
-def simulate_log(folder, arguments, has_kept_logs):
+def simulate_log(folder: Path, arguments: list[str], has_kept_logs: bool) -> None:
     """Write one log with its truth below folder."""
     if has_kept_logs and (folder / "truth.json").exists():
         return
-    command = [sys.executable, ROOT / "scripts" / "simulate.py", folder, *arguments]
+    command = [sys.executable, str(ROOT / "scripts" / "simulate.py"), str(folder), *arguments]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(f"{folder.name} was not simulated:\n{done.stderr}")
 
 
-def make_with_snakemake(run_folder, targets, cores):
+def make_with_snakemake(run_folder: Path, targets: list[str], cores: int) -> tuple[bool, float]:
     """Make the targets in the working directory run; whether all were made, and the seconds."""
     command = [
-        Path(sys.executable).with_name("snakemake"),
+        str(Path(sys.executable).with_name("snakemake")),
         "-s",
-        ROOT / "Snakefile",
+        str(ROOT / "Snakefile"),
         "-d",
-        run_folder,
+        str(run_folder),
     ]
     command += ["--cores", str(cores), "--keep-going", "--", *targets]
     begin = time.perf_counter()
@@ -105,7 +107,7 @@ def make_with_snakemake(run_folder, targets, cores):
     return done, time.perf_counter() - begin
 
 
-def write_run_config(run_folder, logs, cases):
+def write_run_config(run_folder: Path, logs: Path, cases: list[AccuracyCase]) -> None:
     """The config of the cases of one working directory; logs: the folder of the simulated ones."""
     sessions, files = {}, {}
     for case in cases:
@@ -120,7 +122,7 @@ def write_run_config(run_folder, logs, cases):
     write_config_files(run_folder, {"config.yaml": settings, **files})
 
 
-def write_config_files(run_folder, files):
+def write_config_files(run_folder: Path, files: dict[str, Any]) -> None:
     """Write the contents of files by name, below the config of a working directory."""
     for name, content in files.items():
         path = run_folder / "config" / name
@@ -128,7 +130,9 @@ def write_config_files(run_folder, files):
         path.write_text(yaml.safe_dump(content, sort_keys=False))
 
 
-def measure_run_speed(logs_folder, run_folder, cases, cores):
+def measure_run_speed(
+    logs_folder: Path, run_folder: Path, cases: list[AccuracyCase], cores: int
+) -> RunSpeed:
     """The Speed of the log made for it, in its own working directory; run, cases: of the others."""
     folder, results = logs_folder / SPEED_FOLDER, logs_folder / SPEED_FOLDER / "results"
     rig = folder / "config" / "rigs" / f"{SPEED_RIG}.yaml"
@@ -151,7 +155,9 @@ def measure_run_speed(logs_folder, run_folder, cases, cores):
     )
 
 
-def measure_full_runs(logs, run_folder, n_runs, cores):
+def measure_full_runs(
+    logs: Path, run_folder: Path, n_runs: int, cores: int
+) -> dict[str, DrawStatistics]:
     """{sensor: Statistics} of so many small logs through the whole pipeline."""
     names, sessions, files = full_run_names(n_runs), {}, {}
     for name in names:
@@ -164,7 +170,9 @@ def measure_full_runs(logs, run_folder, n_runs, cores):
     return {sensor: compute_run_statistics(draws) for sensor, draws in found.items()}
 
 
-def measure_lab_faults(work_folder, is_quick, args):
+def measure_lab_faults(
+    work_folder: Path, is_quick: bool, args: argparse.Namespace
+) -> dict[tuple[str, bool], list[LabOutcome]]:
     """{(fault, on): [lab.Outcome]} of logs with what labs get wrong, options on and off."""
     faults, seeds = (QUICK_FAULTS, (1,)) if is_quick else (tuple(LAB_FAULTS), (1, 2, 3))
     commands = plan_lab_simulations(faults, seeds)
@@ -173,13 +181,13 @@ def measure_lab_faults(work_folder, is_quick, args):
         folders = [work_folder / name for name in commands]
         list(pool.map(simulate_log, folders, commands.values(), [args.keep_logs] * len(folders)))
         found = list(pool.map(lambda task: run_lab_log(work_folder, *task), tasks))
-    out = {}
+    out: dict[tuple[str, bool], list[LabOutcome]] = {}
     for (fault, on, _), outcome in zip(tasks, found, strict=True):
         out.setdefault((fault, on), []).append(outcome)
     return out
 
 
-def run_lab_log(work_folder, fault, has_options_on, seed):
+def run_lab_log(work_folder: Path, fault: str, has_options_on: bool, seed: int) -> LabOutcome:
     """The lab.Outcome of one log."""
     log = work_folder / lab_log_name(fault, seed)
     run = work_folder / ("on" if has_options_on else "off") / log.name
@@ -195,7 +203,13 @@ def run_lab_log(work_folder, fault, has_options_on, seed):
     return read_lab_outcome(run / "results" / "sim", log)
 
 
-def measure_accuracy(work_folder, cases, placements, draws, args):
+def measure_accuracy(
+    work_folder: Path,
+    cases: list[AccuracyCase],
+    placements: int,
+    draws: int,
+    args: argparse.Namespace,
+) -> tuple[list[AccuracyLine], RunSpeed, tuple[Any, ...]]:
     """(Lines, cost.Speed, (draws, coverage, full runs)) of the cases, below the folder work."""
     logs, run, runs = work_folder / "logs", work_folder / "run", max(1, draws // 5)
     commands = plan_simulations(cases, placements, runs)
@@ -213,7 +227,7 @@ def measure_accuracy(work_folder, cases, placements, draws, args):
     return lines, speeds, (drawn, covered, measure_full_runs(logs, run / "full", runs, args.cores))
 
 
-def main(argv=None):
+def main(argv: list[str] | None = None) -> None:
     args = parse_benchmark_arguments(argv)
     draws = args.draws or (4 if args.quick else 100)
     sizes = list_accuracy_cases(args.quick), 5 if args.quick else 30, draws

@@ -1,5 +1,6 @@
 """What motion capture, lidars and cameras put into the log, in order of log time."""
 
+import argparse
 from heapq import merge
 from typing import NamedTuple
 
@@ -49,7 +50,7 @@ class SessionTruth(NamedTuple):
     T_robot_markers: np.ndarray
     mcs_biases: dict
     label_swaps: list
-    arguments: object
+    arguments: argparse.Namespace
 
     def true_body_poses(self, name, t):
         """True poses (n, 4, 4) of the robot or of a target at t (n,), ns."""

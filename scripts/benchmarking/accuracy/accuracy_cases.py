@@ -7,8 +7,11 @@ to ±3 cm and ±5° per axis.
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
-METHOD_CONFIGS = {  # what a target's config says on top of shape and size
+METHOD_CONFIGS: dict[
+    str, dict[str, Any]
+] = {  # what a target's config says on top of shape and size
     "surface": {"method": "surface"},
     "points": {"method": "points", "points": {"keypoints": "all"}},
     "points, corners": {"method": "points", "points": {"keypoints": "corners"}},
@@ -46,8 +49,8 @@ class AccuracyRow:
     log_kind: str
     sensor: str
     target: str
-    placement_counts: tuple
-    methods: tuple
+    placement_counts: tuple[int, ...]
+    methods: tuple[str, ...]
     goals: dict | None
     paper_errors: dict = field(default_factory=dict)
     cpp_errors: dict = field(default_factory=dict)  # by method
@@ -59,11 +62,11 @@ class AccuracyRow:
         return self.log_kind == "round"
 
     @property
-    def is_camera(self):
+    def is_camera(self) -> bool:
         """Whether a draw of its noise takes images, which cost more than scans."""
         return self.sensor == "camera"
 
-    def count_draws(self, n_placements, max_draws):
+    def count_draws(self, n_placements: int, max_draws: int) -> int:
         """How many draws of the noise at N: `most`, fewer the more images a draw takes."""
         return (
             -(-max_draws * self.placement_counts[-1] // n_placements)

@@ -5,7 +5,9 @@ two beams and alike in every scan, corners and contour points in pixels, and the
 from their priors, the robot's shared by all targets at rest with it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -16,6 +18,7 @@ from benchmarking.accuracy.draw_statistics import (
     normalized_squared_errors,
 )
 from benchmarking.accuracy.exact_observations import OBSERVERS
+from calib.estimation.estimation_problem import Placement
 from calib.estimation.measurement_groups import make_still_placements
 from calib.estimation.problem_assembly import SessionKeypoints, build_setup
 from calib.estimation.solver import estimate_poses
@@ -24,6 +27,7 @@ from calib.io.config import validate_and_complete
 from calib.targets.target_shapes import target_from_config
 from simulate import draw_sessions, parse_simulation_arguments
 from simulation.config_and_truth import make_rig_config, make_target_config
+from simulation.session_recording import SessionTruth
 
 N_VIEWS_PER_PLACEMENT = 2  # scans or images of a placement
 N_MCS_SAMPLES = 60  # MCS poses averaged over a placement
@@ -48,13 +52,13 @@ class CoverageCase:
     places: Placements by number.
     """
 
-    T_robot_sensor: dict
-    options: dict
-    measurements: dict
-    placements: dict
+    T_robot_sensor: dict[str, np.ndarray]
+    options: dict[str, Any]
+    measurements: dict[str, dict[str, np.ndarray]]
+    placements: dict[str, dict[int, Placement]]
 
 
-def make_coverage_case(arguments, sensor_names):
+def make_coverage_case(arguments: str, sensor_names: Sequence[str]) -> CoverageCase:
     """The Geometry of the sensors so named, as arguments of simulate.py make it (CASES)."""
     args = parse_simulation_arguments(["-", *NOISE_ARGUMENTS.split(), *arguments.split()])
     sessions, guesses = draw_sessions(args)
@@ -76,11 +80,12 @@ def make_coverage_case(arguments, sensor_names):
     return CoverageCase({n: built.T_robot_sensor[n] for n in sensor_names}, options, pairs, places)
 
 
-def exact_placements(session, options):
+def exact_placements(session: SessionTruth, options: dict[str, Any]) -> dict[int, Placement]:
     """Placements by number with exact poses: `count` rests of each target in turn."""
     names, count = sorted(options["targets"]), len(session.placement_times_ns)
-    T = [invert_pose(session.placement_poses["robot"]) @ session.placement_poses[n] for n in names]
-    T, times = np.concatenate(T), np.tile(session.placement_times_ns, (len(names), 1))
+    T_robot_world = invert_pose(session.placement_poses["robot"])
+    T = np.concatenate([T_robot_world @ session.placement_poses[n] for n in names])
+    times = np.tile(session.placement_times_ns, (len(names), 1))
     table = {
         "placement": np.arange(len(T)),
         "target": np.repeat(names, count),
@@ -97,7 +102,7 @@ def exact_placements(session, options):
     )
 
 
-def exact_measurements(session, options):
+def exact_measurements(session: SessionTruth, options: dict[str, Any]) -> dict[str, np.ndarray]:
     """Columns of pairs.parquet of everything that is seen, exactly."""
     names, count, parts = sorted(options["targets"]), len(session.placement_times_ns), []
     for number in range(count * len(names)):
@@ -116,12 +121,14 @@ def exact_measurements(session, options):
     return {key: np.concatenate([p[key] for p in parts]) for key in parts[0]}
 
 
-def _with_constant_columns(columns, constants):
+def _with_constant_columns(
+    columns: dict[str, np.ndarray], constants: dict[str, Any]
+) -> dict[str, np.ndarray]:
     n = len(columns["feature_index"])
     return columns | {k: np.full(n, v) for k, v in constants.items()}
 
 
-def draw_coverage_error(case, seed):
+def draw_coverage_error(case: CoverageCase, seed: int) -> DrawResult:
     """The Draw of one seed of a Geometry, of all its sensors by name."""
     rng = np.random.default_rng([2, seed])
     start = {
@@ -153,7 +160,9 @@ def draw_coverage_error(case, seed):
     return DrawResult(np.concatenate(errors), found)
 
 
-def add_measurement_noise(columns, case, rng):
+def add_measurement_noise(
+    columns: dict[str, np.ndarray], case: CoverageCase, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
     """The columns with an error of its own for every measurement."""
     kind, n = columns["kind"], len(columns["kind"])
     along, pixels = rng.standard_normal(n), rng.standard_normal((n, 2))
@@ -168,24 +177,28 @@ def add_measurement_noise(columns, case, rng):
     return columns | {"xyz": xyz, "uv": uv}
 
 
-def draw_crossing_errors(columns, is_crossing, rng):
+def draw_crossing_errors(
+    columns: dict[str, np.ndarray], is_crossing: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
     """Uniform errors (m,) of unit σ of the chosen crossings, alike where a scan repeats one."""
     where = zip(
         *(columns[k][is_crossing].tolist() for k in ("sensor", "placement", "xyz")), strict=True
     )
-    cells = {}
+    cells: dict[tuple[str, int, tuple[float, ...]], int] = {}
     index = [cells.setdefault((s, p, tuple(ray)), len(cells)) for s, p, ray in where]
     return np.sqrt(3) * rng.uniform(-1, 1, len(cells))[index]
 
 
-def rotate_rays(rays, angle_rad):
+def rotate_rays(rays: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
     """Rays (n, 3) turned about z by angles (n,), rad: along the scan."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     x, y, z = rays.T
     return np.column_stack([c * x - s * y, s * x + c * y, z])
 
 
-def add_mocap_errors(placements, rng):
+def add_mocap_errors(
+    placements: dict[int, Placement], rng: np.random.Generator
+) -> dict[int, Placement]:
     """Placements by number with errors of the MCS, the robot's alike for all at rest together."""
     robots = {p.robot_rest: rng.standard_normal(6) for _, p in sorted(placements.items())}
     out = {}
@@ -203,21 +216,26 @@ class CoverageResult:
 
     title: str
     n_draws: int
-    share_covered: dict
-    mean_nees: dict
-    n_dof: dict
+    share_covered: dict[str, float]
+    mean_nees: dict[str, float]
+    n_dof: dict[str, int]
 
 
-def compute_coverage(title, sensor_names, draws):
+def compute_coverage(
+    title: str, sensor_names: Sequence[str], draws: list[DrawResult]
+) -> CoverageResult:
     """The Coverage of Draws of the sensors so named."""
     sensor_names = sorted(sensor_names)
     blocks = {n: slice(6 * i, 6 * i + 6) for i, n in enumerate(sensor_names)}
     if len(sensor_names) > 1:
         blocks["all"] = slice(0, 6 * len(sensor_names))
+    results = [
+        (d.error, d.covariance) for d in draws if d.error is not None and d.covariance is not None
+    ]
     held, nees, size = {}, {}, {}
     for name, at in blocks.items():
         found = normalized_squared_errors(
-            np.array([d.error[at] for d in draws]), np.array([d.covariance[at, at] for d in draws])
+            np.array([e[at] for e, _ in results]), np.array([c[at, at] for _, c in results])
         )
         size[name] = at.stop - at.start
         held[name] = float(np.mean(found < chi2.ppf(CONFIDENCE_LEVEL, size[name])))

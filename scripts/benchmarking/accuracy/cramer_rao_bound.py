@@ -19,7 +19,7 @@ from calib.estimation.nlp.information_matrix import covariance_from_information
 from calib.estimation.nlp.symbolic_chain import make_residual_function
 from calib.estimation.noise_model import split_common_noise
 from calib.estimation.residuals import cylinder_limb
-from calib.estimation.residuals.assignment import Noise
+from calib.estimation.residuals.assignment import Assignment, Noise
 from calib.estimation.residuals.board_outline import MIN_SCAN_ANGLE_SINE, MIN_VERTEX_DISTANCE_M
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
 from calib.estimation.round_solution import (
@@ -27,6 +27,7 @@ from calib.estimation.round_solution import (
     linearize_measurements,
 )
 from calib.geometry.se3 import so3_exp
+from calib.sensors.lidar.lidar_model import LidarModel
 from calib.targets.cylinder import Cylinder
 
 MIN_TRUE_SIGMA = 1e-9  # m, rad: stands for none, so that a prior may be divided by it
@@ -41,9 +42,9 @@ class CramerRaoBound:
     """By sensor the covariance (6, 6), and the one without where scan lines leave the targets; by
     (sensor, kind) the σ of one measurement."""
 
-    covariance: dict
-    covariance_without_outlines: dict
-    measurement_sigma: dict
+    covariance: dict[str, np.ndarray]
+    covariance_without_outlines: dict[str, np.ndarray]
+    measurement_sigma: dict[tuple[str, str], float]
 
 
 def compute_cramer_rao_bound(
@@ -138,7 +139,9 @@ def compute_true_information(setup: Setup, state: State) -> tuple[ndarray, ndarr
     return inside, outlines
 
 
-def outermost_rays(group, assignment, lidar):
+def outermost_rays(
+    group: MeasurementGroup, assignment: Assignment, lidar: LidarModel
+) -> np.ndarray:
     """Rays (2 n, 3), lidar frame, half a step beyond the first and last return of each of n rings,
     all scans of the placement together."""
     k, member = group.keypoints, assignment.feature >= 0
@@ -150,11 +153,13 @@ def outermost_rays(group, assignment, lidar):
         for at, way in ((azimuth[rows].argmin(), -1), (azimuth[rows].argmax(), 1)):
             turn = so3_exp([0.0, 0.0, way * lidar.azimuth_step / 2])
             rays.append(turn @ k["xyz"][rows[at]])
-    rays = np.reshape(rays, (-1, 3))
-    return rays / np.linalg.norm(rays, axis=1)[:, None]
+    stacked = np.reshape(rays, (-1, 3))
+    return stacked / np.linalg.norm(stacked, axis=1)[:, None]
 
 
-def cylinder_side_information(lidar, target, T_sensor_target, rays):
+def cylinder_side_information(
+    lidar: LidarModel, target: Cylinder, T_sensor_target: np.ndarray, rays: np.ndarray
+) -> np.ndarray:
     """(6, 6) of the rays (n, 3) among those given that touch a cylinder's side, about the right
     perturbation of T_sensor_target."""
     axis, centre = T_sensor_target[:3, 0], T_sensor_target[:3, 3]

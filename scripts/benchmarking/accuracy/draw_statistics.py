@@ -72,7 +72,7 @@ def compute_draw_statistics(
     )
 
 
-def compute_run_statistics(draws):
+def compute_run_statistics(draws: list[DrawResult]) -> DrawStatistics:
     """The Statistics of Draws of different recordings; the reference is σ as reported."""
     known = [d.covariance for d in draws if d.covariance is not None]
     mean = np.mean(known, axis=0) if known else np.full((6, 6), np.nan)

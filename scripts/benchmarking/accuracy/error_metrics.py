@@ -1,12 +1,17 @@
 """Errors against the truth, of one calibration and over several logs."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy import ndarray
 
-from benchmarking.accuracy.accuracy_cases import ACCURACY_ROWS, MAX_RMS_RATIO, AccuracyRow
+from benchmarking.accuracy.accuracy_cases import (
+    ACCURACY_ROWS,
+    MAX_RMS_RATIO,
+    AccuracyCase,
+    AccuracyRow,
+)
 from calib.geometry.se3 import invert_pose, rotation_angle, se3_log
 
 
@@ -41,20 +46,20 @@ class AccuracyLine:
     the logs without a pose.
     """
 
-    row: object
+    row: AccuracyRow
     n_placements: int
     method: str
     n_logs: int
-    error: tuple
-    sigma: tuple
-    reference: tuple
+    error: tuple[float, float]
+    sigma: tuple[float, float]
+    reference: tuple[float, float]
     mean_nees: float
     worst_error_ratio: float
     pixel_error_px: float
-    failure_reasons: tuple
+    failure_reasons: tuple[str, ...]
 
 
-def compute_pose_error(T_true, T_found):
+def compute_pose_error(T_true: np.ndarray, T_found: np.ndarray) -> tuple[float, float]:
     """(mm, deg): the norm of the difference in translation, the geodesic angle in rotation."""
     shift = np.linalg.norm(T_found[:3, 3] - T_true[:3, 3])
     return 1e3 * float(shift), float(np.degrees(rotation_angle(invert_pose(T_true) @ T_found)))
@@ -72,7 +77,12 @@ def compute_nees(T_true: ndarray, T_found: ndarray, covariance: ndarray) -> floa
     return float(xi @ np.linalg.solve(covariance, xi)) / 6
 
 
-def evaluate_sensor_result(sensor_result, T_true, reference, pixel_error_px):
+def evaluate_sensor_result(
+    sensor_result: dict[str, Any],
+    T_true: np.ndarray,
+    reference: tuple[float, float],
+    pixel_error_px: float,
+) -> CalibrationOutcome:
     """The Outcome of one sensor of calibration.json; reference: (mm, deg) of the data."""
     if sensor_result["T_robot_sensor"] is None:
         return CalibrationOutcome(sensor_result["status"]["reason"])
@@ -86,7 +96,9 @@ def evaluate_sensor_result(sensor_result, T_true, reference, pixel_error_px):
     return CalibrationOutcome("", *found, reference, pixel_error_px)
 
 
-def summarize_logs(row, n_placements, method, outcomes):
+def summarize_logs(
+    row: AccuracyRow, n_placements: int, method: str, outcomes: list[CalibrationOutcome]
+) -> AccuracyLine:
     """The Line over the Outcomes of one row, N and method."""
     good = [o for o in outcomes if not o.failure_reason]
     lost = tuple(o.failure_reason for o in outcomes if o.failure_reason)
@@ -114,33 +126,38 @@ def summarize_logs(row, n_placements, method, outcomes):
 def _rms(
     pairs: list[tuple[float, int] | tuple[float, float] | tuple[int, int]],
 ) -> tuple[float, float]:
-    return tuple(np.sqrt(np.mean(np.square(pairs), axis=0)).tolist())
+    first, second = np.sqrt(np.mean(np.square(pairs), axis=0)).tolist()
+    return first, second
 
 
 def find_accuracy_goal(
     row: AccuracyRow, n_placements: int, statistics: HasReference
 ) -> tuple[float, float]:
     """(mm, deg) that a row is held to at N: its own, or a multiple of the reference found."""
-    return (
-        row.goals[n_placements]
-        if row.goals
-        else tuple(MAX_RMS_RATIO * r for r in statistics.reference)
-    )
+    if row.goals:
+        return row.goals[n_placements]
+    mm, deg = statistics.reference
+    return MAX_RMS_RATIO * mm, MAX_RMS_RATIO * deg
 
 
-def summarize_outcomes(outcomes):
+def summarize_outcomes(outcomes: dict[AccuracyCase, CalibrationOutcome]) -> list[AccuracyLine]:
     """The Lines of {case: Outcome}, in the order of the cases."""
-    grouped = {}
+    grouped: dict[tuple[str, int, str], list[AccuracyCase]] = {}
     for case in sorted(outcomes, key=_case_order):
-        grouped.setdefault((case.row.key, case.n, case.method), []).append(case)
+        grouped.setdefault((case.row.key, case.n_placements, case.method), []).append(case)
     return [
         summarize_logs(
-            found[0].row, found[0].n, found[0].method, [outcomes[case] for case in found]
+            found[0].row, found[0].n_placements, found[0].method, [outcomes[case] for case in found]
         )
         for found in grouped.values()
     ]
 
 
-def _case_order(case):
+def _case_order(case: AccuracyCase) -> tuple[int, int, int, int]:
     keys = [row.key for row in ACCURACY_ROWS]
-    return keys.index(case.row.key), -case.n, case.row.methods.index(case.method), case.seed
+    return (
+        keys.index(case.row.key),
+        -case.n_placements,
+        case.row.methods.index(case.method),
+        case.seed,
+    )

@@ -115,7 +115,7 @@ def observe_with_camera(
         session.placement_poses["robot"][placement_index] @ session.rig.T_robot_sensor[sensor_name]
     )
     T = invert_pose(T_world_camera) @ session.placement_poses[target_name][placement_index]
-    if shape.pattern:
+    if isinstance(shape, Board) and shape.pattern:
         points = shape.pattern.corners()
         uv = _project_into_image(model, transform_points(T, points))
         if uv is not None and shape.check_facing(invert_pose(T)[:3, 3])[1] > MIN_COS_INCIDENCE:
@@ -127,6 +127,8 @@ def observe_with_camera(
                 uv=uv,
                 whitening=[1.0, 0.0, 1.0],
             )
+        return
+    if not isinstance(shape, Cylinder):
         return
     points, side = exact_cylinder_limb(shape, T)
     uv = _project_into_image(model, points)

@@ -6,11 +6,19 @@ noise on every range or pixel. Then come the stages' own functions: mean poses, 
 guess, the joint estimate. None of them is given the truth, which only serves to judge the result.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from benchmarking.accuracy.cramer_rao_bound import compute_cramer_rao_bound
 from benchmarking.accuracy.draw_statistics import DrawResult
-from benchmarking.accuracy.simulated_session import placement_time_span, select_kept_views
+from benchmarking.accuracy.simulated_session import (
+    SimulatedSession,
+    placement_time_span,
+    select_kept_views,
+)
+from calib.estimation.estimation_problem import Setup
 from calib.estimation.problem_assembly import SessionKeypoints, build_setup, iteration_limits
 from calib.estimation.solver import estimate_poses
 from calib.extraction.extraction_inputs import make_extraction_context
@@ -32,7 +40,7 @@ DRAW_TOLERANCE = {
 }  # a hundredth of the smallest σ at most
 
 
-def redraw_and_estimate(session, seed):
+def redraw_and_estimate(session: SimulatedSession, seed: int) -> DrawResult:
     """The Draw of one seed; its pose is None where nothing was found."""
     rng = np.random.default_rng([session.truth.arguments.seed, seed])
     table = redraw_placements(session, rng)
@@ -47,7 +55,11 @@ def redraw_and_estimate(session, seed):
     return DrawResult(error, spread)
 
 
-def build_draw_setup(session, placement_columns, views):
+def build_draw_setup(
+    session: SimulatedSession,
+    placement_columns: dict[str, np.ndarray],
+    views: dict[str, np.ndarray],
+) -> tuple[Setup, dict[str, np.ndarray]]:
     """The Setup, and the poses to start from, that the stages make of the columns of
     placements.parquet and views.parquet."""
     options, name = session.options, session.sensor
@@ -64,7 +76,7 @@ def build_draw_setup(session, placement_columns, views):
     return build_setup([drawn], {}, options)
 
 
-def compute_draw_references(session):
+def compute_draw_references(session: SimulatedSession) -> tuple[np.ndarray, np.ndarray]:
     """(with, without) outlines: the covariances (6, 6) of the reference for draws of a recording.
 
     Of one draw's data: the information hardly depends on their noise.
@@ -78,7 +90,9 @@ def compute_draw_references(session):
     return found.covariance[session.sensor], found.covariance_without_outlines[session.sensor]
 
 
-def redraw_placements(recording, rng):
+def redraw_placements(
+    recording: SimulatedSession, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
     """Columns of placements.parquet with every sample of the MCS anew."""
     session = recording.truth
     start, end = mcs_time_span(session.placement_times_ns)
@@ -95,7 +109,7 @@ def redraw_placements(recording, rng):
     return table
 
 
-def redraw_views(session, rng):
+def redraw_views(session: SimulatedSession, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Columns of views.parquet with fresh noise on every kept view."""
     views = {k: list(v) if isinstance(v, list) else v for k, v in session.view_columns.items()}
     anew = _redraw_image if session.options["sensor"]["kind"] == "camera" else _redraw_scan
@@ -107,7 +121,9 @@ def redraw_views(session, rng):
     return views
 
 
-def _redraw_scan(recording, placement, rng):
+def _redraw_scan(
+    recording: SimulatedSession, placement: int, rng: np.random.Generator
+) -> Callable[[int], dict[str, Any]]:
     """Function of a row of views: its columns in a scan with noise; the phase is one for all."""
     session = recording.truth
     firing, ring = recording.exact_data[placement]
@@ -122,20 +138,22 @@ def _redraw_scan(recording, placement, rng):
     beams, distance = firing.beam_directions[seen, 0], echoes.distance_m[seen, 0]
     rest = {"ring": ring[seen], "point_time_ns": firing.column_time_ns[seen]}
 
-    def fresh(row):
+    def fresh(row: int) -> dict[str, Any]:
         ranges = distance + session.arguments.range_noise_m * rng.standard_normal(len(distance))
         return rest | {"xyz": (beams * ranges[:, None]).astype(np.float32).reshape(-1)}
 
     return fresh
 
 
-def _redraw_image(session, placement, rng):
+def _redraw_image(
+    session: SimulatedSession, placement: int, rng: np.random.Generator
+) -> Callable[[int], dict[str, Any]]:
     """Function of a row of views: its columns in an image with noise."""
-    views, whole = session.views, session.content[placement]
-    encoding = session.session.rig.sensor_specs[session.sensor].encoding
-    noise = session.session.args.image_noise
+    views, whole = session.view_columns, session.exact_data[placement]
+    encoding = session.truth.rig.sensor_specs[session.sensor].encoding
+    noise = session.truth.arguments.image_noise
 
-    def fresh(row):
+    def fresh(row: int) -> dict[str, Any]:
         height, width = decode_png(views["png"][row]).shape[:2]
         u, v = views["u0"][row], views["v0"][row]
         region = whole[v : v + height, u : u + width]

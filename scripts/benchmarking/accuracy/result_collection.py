@@ -4,13 +4,13 @@ The one place where the truth meets the pipeline's files, when all jobs are done
 """
 
 import json
-from pathlib import PosixPath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from benchmarking.accuracy.accuracy_cases import DEFAULT_METHOD
+from benchmarking.accuracy.accuracy_cases import DEFAULT_METHOD, AccuracyCase
 from benchmarking.accuracy.cramer_rao_bound import MIN_TRUE_SIGMA, compute_cramer_rao_bound
 from benchmarking.accuracy.draw_statistics import DrawResult
 from benchmarking.accuracy.error_metrics import (
@@ -31,24 +31,26 @@ from calib.io.table_schemas import PAIRS_SCHEMA, PLACEMENTS_SCHEMA
 NO_REFERENCE = (np.nan, np.nan), np.nan
 
 
-def read_simulated_config(log_folder: PosixPath, path_pattern: str) -> dict[str, Any]:
+def read_simulated_config(log_folder: Path, path_pattern: str) -> dict[str, Any]:
     """The content of the one config file of a simulated log that matches."""
     (path,) = (log_folder / "config").glob(f"{path_pattern}.yaml")
     return yaml.safe_load(path.read_text())
 
 
-def find_log_file(log_folder: PosixPath) -> PosixPath:
+def find_log_file(log_folder: Path) -> Path:
     """The one MCAP file of a simulated log."""
     (path,) = (log_folder / "logs").resolve().glob("*.mcap")
     return path
 
 
-def read_case_truth(logs, case):
+def read_case_truth(logs: Path, case: AccuracyCase) -> dict[str, Any]:
     """truth.json of the log of a case."""
     return json.loads((logs / simulated_log_name(*case.log_key) / "truth.json").read_text())
 
 
-def collect_outcomes(run, logs, cases):
+def collect_outcomes(
+    run: Path, logs: Path, cases: list[AccuracyCase]
+) -> dict[AccuracyCase, CalibrationOutcome]:
     """{case: Outcome}; every method of a row is held against what the surface could tell."""
     loaded, references, out = load_run_config(run), {}, {}
     for case in sorted(cases, key=lambda c: c.method != DEFAULT_METHOD):
@@ -68,32 +70,37 @@ def collect_outcomes(run, logs, cases):
     return out
 
 
-def load_run_config(run):
+def load_run_config(run: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
     """(config, rigs, targets) of what the default method was run with, complete."""
     folder = run / DEFAULT_METHOD / "config"
     return load_config(yaml.safe_load((folder / "config.yaml").read_text()), folder)
 
 
-def compute_case_reference(run, case, truth, run_config):
+def compute_case_reference(
+    run: Path,
+    case: AccuracyCase,
+    truth: dict[str, Any],
+    run_config: tuple[dict[str, Any], dict[str, Any], dict[str, Any]],
+) -> tuple[tuple[float, float], float]:
     """(mm, deg) that the data of a case could tell of its sensor, and the error of its pixels.
 
     truth: truth.json of its log; run_config: the config of the run, complete.
     """
     settings, rigs, bodies = run_config
     name = case.row.sensor
-    folder = run / case_folder(case) / "results" / case.name / case.name
+    folder = run / case_folder(case) / "results" / case.case_name / case.case_name
     pairs, _, notes = read_table(folder / "pairs.parquet", PAIRS_SCHEMA)
     table, _, _ = read_table(folder / "placements.parquet", PLACEMENTS_SCHEMA)
     table["mean_pose_sigma_factor"] = 1 / np.sqrt(table["samples"])
     options = {
-        "sensors": {name: rigs[case.name]["sensors"][name]},
-        "targets": {case.target: bodies[case.target]},
+        "sensors": {name: rigs[case.case_name]["sensors"][name]},
+        "targets": {case.target_name: bodies[case.target_name]},
         "associate": settings["associate"],
     }
     noise = mocap_noise_json(truth["arguments"])
-    places = make_still_placements(table, case.name, targets=options["targets"], mocap_noise=noise)
+    places = make_still_placements(table, case.case_name, targets=options["targets"], mocap_noise=noise)
     session = SessionKeypoints(
-        session=case.name,
+        session=case.case_name,
         keypoints=pairs,
         placements=places,
         T_robot_sensor={
@@ -105,13 +112,17 @@ def compute_case_reference(run, case, truth, run_config):
     setup, _ = build_setup([session], {}, options)
     true = {name: np.array(truth["sensors"][name]["T_robot_sensor"]["matrix"])}
     found = compute_cramer_rao_bound(setup, true, truth["arguments"]["range_noise_m"])
-    pixels = [s for (_, kind), s in found.sigma.items() if RESIDUAL_KINDS[kind].UNIT == "px"]
+    pixels = [
+        s for (_, kind), s in found.measurement_sigma.items() if RESIDUAL_KINDS[kind].UNIT == "px"
+    ]
     return sigma_mm_deg(found.covariance[name]), pixels[0] if pixels else np.nan
 
 
-def collect_full_runs(run, logs, session_names):
+def collect_full_runs(
+    run: Path, logs: Path, session_names: list[str]
+) -> dict[str, list[DrawResult]]:
     """{sensor: Draws} of the sessions so named, each with a rig and a log of its name."""
-    out = {}
+    out: dict[str, list[DrawResult]] = {}
     for name in session_names:
         path, known = run / f"results/{name}/calibration.json", logs / name / "truth.json"
         true = json.loads(known.read_text())["sensors"]
@@ -122,7 +133,7 @@ def collect_full_runs(run, logs, session_names):
     return out
 
 
-def _sensor_draw_result(sensor, T_true):
+def _sensor_draw_result(sensor: dict[str, Any] | None, T_true: np.ndarray) -> DrawResult:
     """The Draw of one sensor of calibration.json."""
     if sensor is None or sensor["T_robot_sensor"] is None:
         return DrawResult(None, None)
@@ -131,7 +142,7 @@ def _sensor_draw_result(sensor, T_true):
     return DrawResult(error, np.array(sensor["covariance"]))
 
 
-def mocap_noise_json(simulation_arguments):
+def mocap_noise_json(simulation_arguments: dict[str, Any]) -> dict[str, Any]:
     """Block `mocap` of a rig with the noise that simulate.py was told to make."""
     parts = {"pose_sigma": "noise", "pose_bias_sigma": "bias"}
     return {
@@ -143,15 +154,15 @@ def mocap_noise_json(simulation_arguments):
     }
 
 
-def read_job_logs(results):
+def read_job_logs(results: Path) -> list[str]:
     """The texts of all jobs' logs below results."""
     return [path.read_text() for path in sorted(results.rglob("*.log"))]
 
 
-def read_decode_memory(logs, run, case):
+def read_decode_memory(logs: Path, run: Path, case: AccuracyCase) -> tuple[float, float]:
     """(size of its log, memory of its decode), MB, of a case."""
     size = find_log_file(logs / simulated_log_name(*case.log_key)).stat().st_size / 1e6
     found = parse_stage_costs(
-        read_job_logs(run / case_folder(case) / "results" / case.name / case.name)
+        read_job_logs(run / case_folder(case) / "results" / case.case_name / case.case_name)
     )
-    return size, found["decode"].memory if "decode" in found else np.nan
+    return size, found["decode"].peak_memory_mb if "decode" in found else np.nan

@@ -1,12 +1,16 @@
 """What the pipeline made of one simulated session, and the simulator's own account of it."""
 
+import argparse
 import json
 from argparse import Namespace
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
 
+from benchmarking.accuracy.accuracy_cases import AccuracyRow
 from calib.geometry.se3 import invert_pose, pose_from_xyz_quat
 from calib.io.config import validate_and_complete
 from calib.io.parquet_tables import read_table
@@ -39,11 +43,11 @@ class SimulatedSession:
     truth: SessionTruth
     sensor: str
     target: str
-    options: dict
-    placement_columns: dict
-    view_columns: dict
-    guess_json: dict
-    exact_data: dict
+    options: dict[str, Any]
+    placement_columns: dict[str, np.ndarray]
+    view_columns: dict[str, np.ndarray]
+    guess_json: dict[str, Any]
+    exact_data: dict[int, Any]
 
     @property
     def T_robot_sensor(self) -> ndarray:
@@ -55,7 +59,13 @@ class SimulatedSession:
         return sensor_model_from_config(self.options["sensor"])
 
 
-def load_simulated_session(results_folder, log_folder, settings, row, noise_arguments):
+def load_simulated_session(
+    results_folder: Path,
+    log_folder: Path,
+    settings: dict[str, Any],
+    row: AccuracyRow,
+    noise_arguments: list[str],
+) -> SimulatedSession:
     """The Recording of the folder of a session's results and of that of its simulated log.
 
     settings: the config of the run, complete; row: of the benchmark, for sensor and target; noise_arguments:
@@ -74,7 +84,15 @@ def load_simulated_session(results_folder, log_folder, settings, row, noise_argu
     return make_simulated_session(args, row.sensor, row.target, settings, placements, views, guess)
 
 
-def make_simulated_session(arguments, sensor, target, settings, placements, views, guess):
+def make_simulated_session(
+    arguments: argparse.Namespace,
+    sensor: str,
+    target: str,
+    settings: dict[str, Any],
+    placements: dict[str, np.ndarray],
+    views: dict[str, np.ndarray],
+    guess: dict[str, Any],
+) -> SimulatedSession:
     """The Recording of arguments of simulate.py, the noise among them, and of what the pipeline
     made of such a log: columns of placements and views, content of guess.json."""
     (session,), guesses = draw_sessions(arguments)
@@ -108,7 +126,8 @@ def select_kept_views(session: SimulatedSession, placement: int) -> ndarray:
 def placement_time_span(session: SimulatedSession, placement: int) -> tuple[int, int]:
     """Start and end of a placement, ns."""
     row = np.flatnonzero(session.placement_columns["placement"] == placement)[0]
-    return tuple(int(session.placement_columns[k][row]) for k in ("start_ns", "end_ns"))
+    start_ns, end_ns = (int(session.placement_columns[k][row]) for k in ("start_ns", "end_ns"))
+    return start_ns, end_ns
 
 
 def compute_window_firing(session: SimulatedSession, placement: int) -> tuple[Firing, ndarray]:
@@ -129,13 +148,13 @@ def compute_window_firing(session: SimulatedSession, placement: int) -> tuple[Fi
     return Firing(flat[inside][:, None], firing.column_time_ns[column]), ring.astype(np.int32)
 
 
-def render_exact_image(recording, placement):
+def render_exact_image(recording: SimulatedSession, placement: int) -> np.ndarray:
     """Unrounded image (height, width, 3) of a placement without noise."""
-    session, args = recording.session, recording.session.args
-    view = compute_ray_grid(session.rig.cameras[recording.sensor])
+    session, args = recording.truth, recording.truth.arguments
+    view = compute_ray_grid(session.rig.camera_models[recording.sensor])
     shutter = Shutter(
         lambda t, points: render_session_image(session, recording.sensor, view, t, points),
-        *(session.times, args.exposure_s, args.blur_px),
+        *(session.placement_times_ns, args.exposure_s, args.blur_px),
     )
-    t = recording.views["stamp_ns"][select_kept_views(recording, placement)[0]]
+    t = recording.view_columns["stamp_ns"][select_kept_views(recording, placement)[0]]
     return shutter.capture_image(int(t)).astype(np.float32)

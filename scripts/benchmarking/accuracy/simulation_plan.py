@@ -22,12 +22,14 @@ def simulated_log_name(log_kind: str, n_placements: int, seed: int) -> str:
     return f"{log_kind}-n{n_placements}-s{seed}"
 
 
-def full_run_names(n_runs):
+def full_run_names(n_runs: int) -> list[str]:
     """Folders of the logs that run through the whole pipeline, and names of their sessions."""
     return [f"full-s{seed}" for seed in range(1, 1 + n_runs)]
 
 
-def plan_simulations(cases, speed_placements, n_full_runs):
+def plan_simulations(
+    cases: list[AccuracyCase], speed_placements: int, n_full_runs: int
+) -> dict[str, list[str]]:
     """{folder: arguments of simulate.py}, the longest first, of the cases, of the speed row and of
     the full runs."""
     logs = sorted({case.log_key for case in cases}, key=lambda log: (-log[1], log[0], log[2]))
@@ -53,64 +55,53 @@ def case_session_config(case: AccuracyCase, log: str) -> dict[str, str | list[st
 
 def case_rig_config(
     case: AccuracyCase,
-    rig_config: dict[
-        str,
-        str
-        | dict[str, str | list[str]]
-        | dict[str, dict[str, str]]
-        | dict[str, dict[str, list[int]]],
-    ],
-) -> dict[str, str | dict[str, str | list[str]] | dict[str, dict[str, str]]]:
+    rig_config: dict[str, Any],
+) -> dict[str, Any]:
     """The rig of a case: the simulated one with only the sensor of its row."""
     sensors = {case.row.sensor: rig_config["sensors"][case.row.sensor]}
     return {"body": rig_config["body"], "mocap": rig_config["mocap"], "sensors": sensors}
 
 
-def remove_truth(rig_config):
+def remove_truth(rig_config: dict[str, Any]) -> dict[str, Any]:
     """A simulated rig without a word of the truth."""
     return {key: value for key, value in rig_config.items() if key != "truth"}
 
 
 def case_target_config(
     case: AccuracyCase,
-    target_config: dict[
-        str,
-        str
-        | list[list[float | int]]
-        | dict[str, str | list[int] | float | list[float]]
-        | float
-        | dict[str, list[float | int]],
-    ],
+    target_config: dict[str, Any],
 ) -> dict[str, Any]:
     """The target of a case: the simulated one, compared by the method of the case."""
-    chosen = {} if case.method == DEFAULT_METHOD else METHOD_CONFIGS[case.method]
+    chosen: dict[str, Any] = METHOD_CONFIGS[case.method] if case.method != DEFAULT_METHOD else {}
     return target_config | chosen
 
 
-def case_folder(case):
+def case_folder(case: AccuracyCase) -> str:
     """Working directory of a case below that of the run: all of it has one block `crop`."""
     return case.method.split(",")[0]
 
 
-def crop_block(folder_name):
+def crop_block(folder_name: str) -> dict[str, Any]:
     """Block `crop` of a working directory: the paper's methods take one scan of a placement."""
     return {} if folder_name == DEFAULT_METHOD else {"max_frames": 1}
 
 
-def calibration_paths(cases):
+def calibration_paths(cases: list[AccuracyCase]) -> list[str]:
     """The files to ask Snakemake for."""
-    return [f"results/{case.name}/calibration.json" for case in cases]
+    return [f"results/{case.case_name}/calibration.json" for case in cases]
 
 
-def speed_rig_config(rig_config):
+def speed_rig_config(rig_config: dict[str, Any]) -> dict[str, Any]:
     """The rig of the row on speed: the simulated one with only SPEED_SENSORS."""
     return rig_config | {"sensors": {name: rig_config["sensors"][name] for name in SPEED_SENSORS}}
 
 
-def describe_run(solution, size_bytes):
+def describe_run(solution: dict[str, Any], size_bytes: int) -> str:
     """Sensors, placements and size, bytes, of the logs of a solution.json in words."""
     sensors = solution["sensors"].values()
     kinds = Counter(sensor["kind"] for sensor in sensors)
-    names = " + ".join(f"{n} {kind}{'s' * (n > 1)}" for kind, n in sorted(kinds.items(), reverse=1))
+    names = " + ".join(
+        f"{n} {kind}{'s' * (n > 1)}" for kind, n in sorted(kinds.items(), reverse=True)
+    )
     placements = ", ".join(str(sensor["placements"]) for sensor in sensors)
     return f"{names}, {placements} placements, {size_bytes / 1e6:.0f} MB of logs"

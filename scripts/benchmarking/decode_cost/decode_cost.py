@@ -4,7 +4,7 @@ import json
 import subprocess
 import sys
 from dataclasses import dataclass
-from pathlib import Path, PosixPath
+from pathlib import Path
 
 from benchmarking.decode_cost import large_logs
 from benchmarking.decode_cost.large_logs import BODY_NAMES, large_log_sensors, write_large_log
@@ -38,7 +38,7 @@ class DecodeCostRow:
         return self.decode_cost.cpu_s / self.raw_cost.cpu_s
 
 
-def plan_decode_logs(is_quick):
+def plan_decode_logs(is_quick: bool) -> list[tuple[str, float]]:
     """[(compression, bytes of messages)] of the rows, the large log last."""
     small, large = (
         (0.2 * BYTES_PER_GB, BYTES_PER_GB) if is_quick else (BYTES_PER_GB, 10 * BYTES_PER_GB)
@@ -46,13 +46,13 @@ def plan_decode_logs(is_quick):
     return [("none", small), ("lz4", small), ("zstd", small), ("none", large)]
 
 
-def measure_decode_costs(folder, is_quick):
+def measure_decode_costs(folder: Path, is_quick: bool) -> list[DecodeCostRow]:
     """[Row] of the plan; each log is written below a folder, read, and removed."""
     folder.mkdir(parents=True, exist_ok=True)
     return [measure_one_log(folder / "ingest.mcap", *of) for of in plan_decode_logs(is_quick)]
 
 
-def measure_one_log(path: PosixPath, compression: str, content_bytes: float) -> DecodeCostRow:
+def measure_one_log(path: Path, compression: str, content_bytes: float) -> DecodeCostRow:
     """The Row of a log at path."""
     try:
         messages = write_large_log(path, compression, content_bytes)
@@ -63,9 +63,7 @@ def measure_one_log(path: PosixPath, compression: str, content_bytes: float) -> 
     return DecodeCostRow(compression, content_bytes, messages, decode, raw)
 
 
-def decode_arguments(
-    path: PosixPath,
-) -> tuple[str, PosixPath, str, PosixPath, str, PosixPath, str, str]:
+def decode_arguments(path: Path) -> tuple[str | Path, ...]:
     """Of scripts/decode.py, for a log of `repeated`; its outputs go beside it."""
     mocap = {"topics": ["/tf"], "map": large_logs.MAP_FRAME, "max_gap_s": 0.05}
     options = {
@@ -82,7 +80,7 @@ def decode_arguments(
     return *written, "--options", json.dumps(options)
 
 
-def run_and_parse_cost(*command) -> StageCost:
+def run_and_parse_cost(*command: str | Path) -> StageCost:
     """The Cost that a script of this checkout says it had."""
     # A shell in between: a process inherits the peak memory of the one that starts it.
     words = ["/bin/sh", "-c", '"$@"; exit $?', "sh", sys.executable, *command]
@@ -105,7 +103,15 @@ def build_decode_section(rows: list[DecodeCostRow]) -> PageSection:
 
 def format_decode_table(rows: list[DecodeCostRow]) -> str:
     """The table of Rows."""
-    head = ("chunks", "messages, GB", "messages", "decode, CPU s", "MB/s", "messages/s", "peak, MB")
+    head: tuple[str, ...] = (
+        "chunks",
+        "messages, GB",
+        "messages",
+        "decode, CPU s",
+        "MB/s",
+        "messages/s",
+        "peak, MB",
+    )
     head += ("mcap's reader, CPU s", "MB/s", "messages/s", "peak, MB", "decode / reader")
     return format_markdown_table(head, [_decode_cells(r) for r in rows])
 

@@ -1,6 +1,9 @@
 """Logs of any size: a few scans and images, repeated with fresh stamps at a laboratory's rates."""
 
 import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
@@ -27,7 +30,7 @@ N_DISTINCT_MESSAGES = 8  # messages of a sensor that take turns
 STAMP_BYTE_OFFSET = 4  # byte of a serialised message that begins with a header
 
 
-def write_large_log(path, compression, min_content_bytes):
+def write_large_log(path: Path, compression: str, min_content_bytes: float) -> int:
     """Write an MCAP of `content` bytes of messages, or a little more; returns their number."""
     with path.open("wb") as stream:
         # The checksum of a chunk takes longer than its bytes, and no reader here asks for it.
@@ -44,14 +47,14 @@ def write_large_log(path, compression, min_content_bytes):
     return count
 
 
-def large_log_sensors():
+def large_log_sensors() -> dict[str, Any]:
     """{sensor: what decode is told of it}."""
     lidars = {n: {"kind": "lidar", "topic": f"/{n}/points", "point_time": {}} for n in LIDAR_NAMES}
     cameras = {n: {"kind": "camera", "topic": f"/{n}/image_raw"} for n in CAMERA_NAMES}
     return lidars | cameras
 
 
-def _register_channels(writer):
+def _register_channels(writer: Writer) -> dict[str, int]:
     """{topic: channel} of all that a log holds."""
     kinds = {"camera": IMAGE_TYPE, "lidar": CLOUD_TYPE}
     types = {"/tf": TF_TYPE} | {s["topic"]: kinds[s["kind"]] for s in large_log_sensors().values()}
@@ -63,7 +66,7 @@ def _register_channels(writer):
     return out
 
 
-def _generate_messages():
+def _generate_messages() -> Iterator[tuple[int, str, bytes]]:
     """(log time, ns, topic, bytes) without an end, by log time."""
     rng = np.random.default_rng(0)
     make = {"lidar": _make_cloud_bytes, "camera": _make_image_bytes}
@@ -88,11 +91,11 @@ def _generate_messages():
         tick += 1
 
 
-def _serialize_message(message):
-    return bytearray(ros_messages.ROS2_TYPES.serialize_cdr(message, message.__msgtype__))
+def _serialize_message(message: Any) -> bytes:
+    return bytes(ros_messages.ROS2_TYPES.serialize_cdr(message, message.__msgtype__))
 
 
-def _make_cloud_bytes(rng, frame):
+def _make_cloud_bytes(rng: np.random.Generator, frame: str) -> bytes:
     """PointCloud2 of a turn in a square room."""
     azimuth = np.linspace(-np.pi, np.pi, N_COLUMNS, endpoint=False)[:, None]
     elevation = np.radians(np.linspace(-15, 15, N_BEAMS))
@@ -108,7 +111,7 @@ def _make_cloud_bytes(rng, frame):
     return _serialize_message(make_cloud_message(LARGE_LOG_START_NS, frame, "velodyne", echoes))
 
 
-def _make_image_bytes(rng, frame):
+def _make_image_bytes(rng: np.random.Generator, frame: str) -> bytes:
     """Image of grey waves with a sensor's noise."""
     u, v = np.meshgrid(*map(np.arange, IMAGE_SIZE_PX))
     grey = 128 + 100 * np.sin(u / 90) * np.cos(v / 70) + rng.normal(0, 1.8, u.shape)

@@ -46,15 +46,15 @@ class RunSpeed:
     """
 
     description: str
-    stage_costs: dict
+    stage_costs: dict[str, StageCost]
     wall_s: float
     raw_cpu_s: float
-    decode_memory_mb: list
+    decode_memory_mb: list[tuple[float, float]]
 
 
 def parse_stage_costs(log_texts: list[str]) -> dict[str, StageCost]:
     """{stage: Cost} from the texts of the jobs' logs, in the order of the data's flow."""
-    found = {}
+    found: dict[str, StageCost] = {}
     for text in log_texts:
         for name, wall, cpu, memory in COST_LINE.findall(text):
             before = found.get(name, StageCost(0, 0.0, 0.0, 0))
@@ -67,7 +67,7 @@ def parse_stage_costs(log_texts: list[str]) -> dict[str, StageCost]:
     return {name: found[name] for name in TIMED_STAGES if name in found}
 
 
-def time_raw_read(log_path):
+def time_raw_read(log_path: Path) -> float:
     """CPU seconds in which mcap's own reader hands out every message of a log, undecoded."""
     begin = time.process_time()
     with log_path.open("rb") as stream:
@@ -86,5 +86,10 @@ def describe_machine() -> str:
     return f"{os.cpu_count()} cores of {name}; Python {platform.python_version()}, {packages}"
 
 
+def main() -> None:
+    """Read the log named on the command line; the stage's log line states the cost."""
+    time_raw_read(Path(sys.argv[1]))
+
+
 if __name__ == "__main__":
-    run_stage(lambda: time_raw_read(Path(sys.argv[1])))
+    run_stage(main)

@@ -17,10 +17,12 @@ import signal
 import tempfile
 import time
 import traceback
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -76,10 +78,10 @@ class CaseTimeoutError(BaseException):
 
 
 @contextlib.contextmanager
-def limit_time(max_seconds):
+def limit_time(max_seconds: int) -> Iterator[None]:
     """Raises Late instead of hanging."""
 
-    def late(number, frame):
+    def late(number: int, frame: Any) -> None:
         raise CaseTimeoutError(f"not done after {max_seconds} s")
 
     before = signal.signal(signal.SIGALRM, late)
@@ -94,7 +96,7 @@ def limit_time(max_seconds):
 # --- cases: (folder, generator) -> words on what is wrong; they raise what they raise
 
 
-def run_damaged_config(folder, rng):
+def run_damaged_config(folder: Path, rng: np.random.Generator) -> str:
     """A config that is loaded, and all that stages build of it."""
     for name, content in draw_config_files(rng).items():
         path = folder / "config" / name
@@ -115,7 +117,7 @@ def run_damaged_config(folder, rng):
     return ""
 
 
-def run_damaged_log(folder, rng):
+def run_damaged_log(folder: Path, rng: np.random.Generator) -> str:
     """A good log in any container, some bytes of which are wrong or missing."""
     names = SENSOR_GROUPS[rng.integers(len(SENSOR_GROUPS))]
     container = list(FUZZ_CONTAINERS)[rng.integers(len(FUZZ_CONTAINERS))]
@@ -126,7 +128,7 @@ def run_damaged_log(folder, rng):
     return decode_and_reread(folder, str(path), fuzz_decode_options(names))
 
 
-def run_hostile_log(folder, rng):
+def run_hostile_log(folder: Path, rng: np.random.Generator) -> str:
     """A log in any container whose messages say what no driver means."""
     names = SENSOR_GROUPS[rng.integers(len(SENSOR_GROUPS))]
     # The bag's writer knows no log time out of order, and fewer types.
@@ -142,7 +144,7 @@ CASE_KINDS = {
 }
 
 
-def decode_and_reread(folder, log, options):
+def decode_and_reread(folder: Path, log: str, options: dict[str, Any]) -> str:
     """What decode, gate and crop's reading take from a log, in words where something is wrong."""
     out = {k: folder / "out" / k for k in DECODE_OUTPUTS}
     arguments = [w for k, path in out.items() for w in (f"--{k}", str(path))]
@@ -158,7 +160,7 @@ def decode_and_reread(folder, log, options):
     return "; ".join([*audit["faults"], *(s["reason"] for s in bad if not s["ok"]), *again])
 
 
-def _run_gate(folder, output_paths):
+def _run_gate(folder: Path, output_paths: dict[str, Path]) -> None:
     target = folder / "out" / "placements"
     about = {
         "gate": default_config_blocks()["gate"],
@@ -176,7 +178,9 @@ def _run_gate(folder, output_paths):
     gate.main([*files, "--options", json.dumps(about | {"mocap": GATE_MOCAP})])
 
 
-def _reread_messages(log, frames, options, audit):
+def _reread_messages(
+    log: str, frames: dict[str, np.ndarray], options: dict[str, Any], audit: dict[str, Any]
+) -> list[str]:
     """Faults of messages that are read once more, as crop reads them."""
     opened, found = open_log(log), []
     for name, block in options["sensors"].items():
@@ -192,7 +196,7 @@ def _reread_messages(log, frames, options, audit):
     return found
 
 
-def _message_reader(block, sensor_audit):
+def _message_reader(block: dict[str, Any], sensor_audit: dict[str, Any]) -> Callable[[Any], Any]:
     """How crop reads the messages of a sensor (of its audit) whose lens may not be known."""
     if block["kind"] == "camera":
         return read_bgr
@@ -203,7 +207,7 @@ def _message_reader(block, sensor_audit):
 # --- and their ends
 
 
-def run_fuzz_case(case_number, seed):
+def run_fuzz_case(case_number: int, seed: int) -> FuzzOutcome:
     """The Outcome of the case of a number; the same for the same seed."""
     kind = list(CASE_KINDS)[case_number % len(CASE_KINDS)]
     rng, begin = np.random.default_rng([seed, case_number]), time.perf_counter()
@@ -215,13 +219,19 @@ def run_fuzz_case(case_number, seed):
     )
 
 
-def read_peak_memory():
+def read_peak_memory() -> float:
     """Peak memory of this process, MB; getrusage would tell a larger one of its parent."""
     told = Path("/proc/self/status").read_text()
-    return int(re.search(r"VmHWM:\s+(\d+) kB", told)[1]) / 1024
+    match = re.search(r"VmHWM:\s+(\d+) kB", told)
+    assert match, "no VmHWM in /proc/self/status"
+    return int(match[1]) / 1024
 
 
-def _run_until_end(run_case, folder, rng):
+def _run_until_end(
+    run_case: Callable[[Path, np.random.Generator], str],
+    folder: Path,
+    rng: np.random.Generator,
+) -> tuple[str, str]:
     """(end, words) of a case."""
     try:
         with limit_time(MAX_CASE_SECONDS):
@@ -239,7 +249,7 @@ def _run_until_end(run_case, folder, rng):
     return ("warning" if words else "result"), words
 
 
-def run_fuzz_batch(case_numbers, seed):
+def run_fuzz_batch(case_numbers: range, seed: int) -> list[FuzzOutcome]:
     """Outcomes of cases in this process, quietly."""
     logging.disable(logging.CRITICAL)
     try:
@@ -248,7 +258,7 @@ def run_fuzz_batch(case_numbers, seed):
         logging.disable(logging.NOTSET)
 
 
-def run_fuzz_campaign(n_cases, seed, n_cores):
+def run_fuzz_campaign(n_cases: int, seed: int, n_cores: int) -> list[FuzzOutcome]:
     """Outcomes of so many cases, shared out among processes; the same for any number."""
     os.environ["OMP_NUM_THREADS"] = "1"
     spans = [

@@ -21,7 +21,7 @@ say what no driver means (*hostile log*); a folder of configs with other values,
   {most} s. The slowest case took {slowest:.1f} s, and no process more than {memory:.0f} MB."""
 
 
-def build_fuzz_section(outcomes):
+def build_fuzz_section(outcomes: list[FuzzOutcome]) -> PageSection:
     """The Section on fuzz.Outcomes."""
     ends = Counter((o.kind, o.end) for o in outcomes)
     rows = [

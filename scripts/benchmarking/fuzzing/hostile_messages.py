@@ -2,10 +2,12 @@
 
 import copy
 from dataclasses import is_dataclass
+from typing import Any
 
 import numpy as np
 
 from benchmarking.fuzzing.small_recordings import FUZZ_START_NS, ROS2_TYPES, make_fuzz_messages
+from calib.io.logs.ros_messages import RosMessage
 
 HOSTILE_NUMBERS = {
     "int": (0, 1, -1, 127, 255, 32767, 65535, 2**31 - 1, -(2**31), 2**32 - 1, 2**63 - 1),
@@ -18,7 +20,9 @@ HOSTILE_TEXTS = (
 )  # fmt: skip
 
 
-def make_hostile_messages(sensor_names, rng):
+def make_hostile_messages(
+    sensor_names: tuple[str, ...], rng: np.random.Generator
+) -> list[RosMessage]:
     """Rows of a recording of sensors, with hostile values in the fields of some messages."""
     out = copy.deepcopy(make_fuzz_messages(sensor_names))
     for number in rng.choice(len(out), int(rng.integers(1, 5)), replace=False):
@@ -27,19 +31,19 @@ def make_hostile_messages(sensor_names, rng):
             _damage_field(message, rng)
         # The same in all of its kind: one message alone is left out, and no more is seen of it.
         if rng.random() < 0.3:
-            out = [r[:3] + (message,) if r[1] == topic else r for r in out]
+            out = [RosMessage(*r[:3], message) if r[1] == topic else r for r in out]
         else:
-            out[number] = (_draw_log_time(log_t, rng), topic, name, message)
+            out[number] = RosMessage(_draw_log_time(log_t, rng), topic, name, message)
     return sorted(out, key=lambda r: r[0])
 
 
-def _draw_log_time(log_time_ns, rng):
+def _draw_log_time(log_time_ns: int, rng: np.random.Generator) -> int:
     if rng.random() < 0.8:
         return log_time_ns
     return int(rng.choice([0, 1, FUZZ_START_NS + 10**15, 2**62, 2**63 - 1]))
 
 
-def _damage_field(message, rng):
+def _damage_field(message: Any, rng: np.random.Generator) -> None:
     """Put a hostile value into one field of a message, at any depth."""
     known = ROS2_TYPES.fielddefs[message.__msgtype__][1]
     name, about = known[rng.integers(len(known))]
@@ -52,7 +56,7 @@ def _damage_field(message, rng):
     return None
 
 
-def _draw_hostile_value(value, field_definition, rng):
+def _draw_hostile_value(value: Any, field_definition: Any, rng: np.random.Generator) -> Any:
     """A value of the same type as this; field_definition: how rosbags describes the field."""
     if isinstance(value, bool):
         return not value
@@ -65,7 +69,9 @@ def _draw_hostile_value(value, field_definition, rng):
     return _draw_hostile_number(field_definition[1][0], rng)
 
 
-def _draw_hostile_array(value, rng, has_fixed_length):
+def _draw_hostile_array(
+    value: np.ndarray, rng: np.random.Generator, has_fixed_length: bool
+) -> np.ndarray:
     """An array of the same type, and of the same length where that is fixed."""
     with np.errstate(over="ignore", invalid="ignore"):
         odd = np.array(rng.choice(HOSTILE_NUMBERS["float"], max(1, len(value)))).astype(value.dtype)
@@ -74,7 +80,7 @@ def _draw_hostile_array(value, rng, has_fixed_length):
     return [value[:0], value[: len(value) // 2], np.concatenate([value, value])][rng.integers(3)]
 
 
-def _draw_hostile_number(ros_type, rng):
+def _draw_hostile_number(ros_type: str, rng: np.random.Generator) -> Any:
     """A number that fits a type of ROS."""
     if ros_type.startswith("float"):
         value = HOSTILE_NUMBERS["float"][rng.integers(len(HOSTILE_NUMBERS["float"]))]

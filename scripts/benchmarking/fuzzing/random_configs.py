@@ -1,6 +1,7 @@
 """Configs that people, editors and converters may leave behind, drawn at random from good ones."""
 
 import copy
+from typing import Any
 
 import numpy as np
 import yaml
@@ -71,7 +72,7 @@ HOSTILE_YAML = (
 )  # fmt: skip
 
 
-def draw_config_files(rng):
+def draw_config_files(rng: np.random.Generator) -> dict[str, bytes]:
     """Bytes of a config's files by path, of which one or two are not as they should be."""
     texts = {path: copy.deepcopy(content) for path, content in VALID_FILES.items()}
     out, spoilt = {}, rng.choice(list(texts), int(rng.integers(1, 3)), replace=False)
@@ -84,11 +85,11 @@ def draw_config_files(rng):
     return out
 
 
-def _to_yaml(content):
+def _to_yaml(content: Any) -> bytes:
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode(errors="replace")
 
 
-def _change_values(content, rng):
+def _change_values(content: Any, rng: np.random.Generator) -> bytes:
     """Some values, or keys, others than they should be."""
     for _ in range(rng.integers(1, 4)):
         parent, key = _draw_location(content, rng)
@@ -105,7 +106,7 @@ def _change_values(content, rng):
     return _to_yaml(content)
 
 
-def _draw_location(content, rng):
+def _draw_location(content: Any, rng: np.random.Generator) -> tuple[Any, Any]:
     """(container, key) of any value at any depth."""
     places, todo = [], [content]
     while todo:
@@ -116,7 +117,7 @@ def _draw_location(content, rng):
     return places[rng.integers(len(places))]
 
 
-def _draw_similar_value(value, rng):
+def _draw_similar_value(value: Any, rng: np.random.Generator) -> Any:
     """Another value of the same kind; a list or mapping with a part less or twice."""
     if isinstance(value, bool):
         return not value
@@ -129,7 +130,7 @@ def _draw_similar_value(value, rng):
     return dict(list(value.items())[:-1]) if value else value
 
 
-def _draw_any_value(rng, depth):
+def _draw_any_value(rng: np.random.Generator, depth: int) -> Any:
     """Anything that YAML can write; hashable at depth 0."""
     drawn = rng.integers(8 if depth else 5)
     if drawn >= 6:
@@ -144,18 +145,18 @@ def _draw_any_value(rng, depth):
     return (*flat, *numbers)[drawn]
 
 
-def _damage_file_bytes(content, rng):
+def _damage_file_bytes(content: Any, rng: np.random.Generator) -> bytes:
     """Damaged on its way."""
     return bytes(BYTE_DAMAGES[rng.integers(len(BYTE_DAMAGES))](bytearray(_to_yaml(content)), rng))
 
 
-def _insert_hostile_yaml(content, rng):
+def _insert_hostile_yaml(content: Any, rng: np.random.Generator) -> bytes:
     """Instead of it, or after it, what makes readers of YAML stumble."""
     trick = HOSTILE_YAML[rng.integers(len(HOSTILE_YAML))].encode()
     return trick if rng.random() < 0.5 else _to_yaml(content) + b"\nmore:\n" + b"  " + trick
 
 
-def _draw_random_bytes(content, rng):
+def _draw_random_bytes(content: Any, rng: np.random.Generator) -> bytes:
     """Nothing but noise, printable or not."""
     drawn = rng.integers(*((32, 127) if rng.random() < 0.5 else (0, 256)), rng.integers(300))
     return bytes(drawn.astype(np.uint8))

@@ -1,7 +1,9 @@
 """A small recording of every kind of message that decode reads, in every container."""
 
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
@@ -20,6 +22,7 @@ from calib.io.logs.ros_messages import (
     LIVOX_TYPE,
     NUMPY_TO_POINT_FIELD,
     TF_TYPE,
+    RosMessage,
     make_tf_message,
 )
 from calib.sensors.camera.camera_info import CAMERA_INFO_TYPE
@@ -49,16 +52,16 @@ COMMON_DECODE_OPTIONS = {
 }
 
 
-def _make_message(name, /, **fields):
+def _make_message(name: str, /, **fields: Any) -> Any:
     return ROS2_TYPES.types[name](**fields)
 
 
-def _make_header(t, frame):
+def _make_header(t: int, frame: str) -> Any:
     stamp = _make_message("builtin_interfaces/msg/Time", sec=t // 10**9, nanosec=t % 10**9)
     return _make_message("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
-def _pose_message(t, T):
+def _pose_message(t: int, T: np.ndarray) -> Any:
     (x, y, z), q = T[:3, 3].tolist(), pose_to_quat(T).tolist()
     pose = _make_message(
         "geometry_msgs/msg/Pose",
@@ -70,25 +73,25 @@ def _pose_message(t, T):
     return _make_message(POSE_TYPE, header=_make_header(t, "world"), pose=pose)
 
 
-def _image_pixels():
+def _image_pixels() -> np.ndarray:
     return np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
 
 
-def _image_message(t):
+def _image_message(t: int) -> Any:
     about = {"height": 4, "width": 4, "encoding": "bgr8", "is_bigendian": 0, "step": 12}
     return _make_message(
         IMAGE_TYPE, header=_make_header(t, "lens"), **about, data=_image_pixels().reshape(-1)
     )
 
 
-def _compressed_image_message(t):
+def _compressed_image_message(t: int) -> Any:
     data = np.frombuffer(encode_png(_image_pixels()), np.uint8)
     return _make_message(
         COMPRESSED_IMAGE_TYPE, header=_make_header(t, "lens"), format="png", data=data
     )
 
 
-def _camera_info_message(t):
+def _camera_info_message(t: int) -> Any:
     numbers = {"d": np.zeros(5), "k": np.eye(3).ravel(), "r": np.eye(3).ravel(), "p": np.eye(3, 4)}
     numbers["k"][[0, 4]] = numbers["p"].reshape(-1)[[0, 5]] = 5.0
     region = dict.fromkeys(("x_offset", "y_offset", "height", "width"), 0)
@@ -99,16 +102,17 @@ def _camera_info_message(t):
     )  # fmt: skip
 
 
-def _cloud_message(t):
+def _cloud_message(t: int) -> Any:
     layout = np.dtype([("x", "f4"), ("y", "f4"), ("z", "f4"), ("ring", "u2"), ("time", "f4")])
     points = np.zeros(6, layout)
     points["x"], points["ring"], points["time"] = 1 + np.arange(6), range(6), np.arange(6) * 1e-3
+    offsets = {k: offset for k, (_, offset, *_) in (layout.fields or {}).items()}
     fields = [
         _make_message(
-            "sensor_msgs/msg/PointField", name=k, offset=layout.fields[k][1],
+            "sensor_msgs/msg/PointField", name=k, offset=offset,
             datatype=NUMPY_TO_POINT_FIELD[layout[k].name], count=1,
         )
-        for k in layout.names
+        for k, offset in offsets.items()
     ]  # fmt: skip
     shape = {"height": 1, "width": 6, "point_step": layout.itemsize}
     shape["row_step"] = 6 * layout.itemsize
@@ -117,7 +121,7 @@ def _cloud_message(t):
     return _make_message(CLOUD_TYPE, **about, **shape, **flags)
 
 
-def _livox_message(t):
+def _livox_message(t: int) -> Any:
     points = [
         _make_message("livox_ros_driver2/msg/CustomPoint", offset_time=i * 1000, x=1.0 + i, y=0.0, z=0.0,
               reflectivity=9, tag=0, line=i)
@@ -129,7 +133,7 @@ def _livox_message(t):
     )  # fmt: skip
 
 
-def _laser_scan_message(t):
+def _laser_scan_message(t: int) -> Any:
     return _make_message(
         LASER_SCAN_TYPE, header=_make_header(t, "scanner"), angle_min=-1.0, angle_max=1.0,
         angle_increment=0.5, time_increment=1e-4, scan_time=0.1, range_min=0.1, range_max=100.0,
@@ -147,39 +151,37 @@ SENSOR_TOPICS = {
 }
 
 
-def fuzz_decode_options(sensor_names):
+def fuzz_decode_options(sensor_names: tuple[str, ...]) -> dict[str, Any]:
     """What decode is given for a log of the sensors so named, but for the log."""
     return COMMON_DECODE_OPTIONS | {"sensors": {name: FUZZ_SENSORS[name] for name in sensor_names}}
 
 
 @cache
-def make_fuzz_messages(sensor_names):
+def make_fuzz_messages(sensor_names: tuple[str, ...]) -> list[RosMessage]:
     """(log time, ns; topic; type; message) of a recording of the sensors so named, by log time."""
-    out, wanted = (
-        [],
-        {
-            FUZZ_SENSORS[n][k]
-            for n in sensor_names
-            for k in ("topic", "camera_info")
-            if k in FUZZ_SENSORS[n]
-        },
-    )
+    out: list[RosMessage] = []
+    wanted = {
+        FUZZ_SENSORS[n][k]
+        for n in sensor_names
+        for k in ("topic", "camera_info")
+        if k in FUZZ_SENSORS[n]
+    }
     for i in range(N_POSES):
         t = FUZZ_START_NS + i * POSE_PERIOD_NS
         T = se3_exp(np.array([0.01 * i, 0, 0, 0, 0, 0.02 * i]))
         both = {"robot": T, "board": make_pose(t=[2.0, 0, 1]) @ T}
-        out.append((t, "/tf", TF_TYPE, make_tf_message(t, "world", both)))
-        out.append((t + 1, "/pose", POSE_TYPE, _pose_message(t, T)))
+        out.append(RosMessage(t, "/tf", TF_TYPE, make_tf_message(t, "world", both)))
+        out.append(RosMessage(t + 1, "/pose", POSE_TYPE, _pose_message(t, T)))
         if i % 4 == 0:
             out += [
-                (t + 2 + k, topic, name, make(t))
+                RosMessage(t + 2 + k, topic, name, make(t))
                 for k, (topic, (name, make)) in enumerate(SENSOR_TOPICS.items())
                 if topic in wanted
             ]
     return out
 
 
-def _write_mcap(path, messages, **options):
+def _write_mcap(path: Path, messages: Iterable[RosMessage], **options: Any) -> Path:
     with path.open("wb") as stream:
         writer = Writer(stream, **({"chunk_size": CHUNK_BYTES} | options))
         writer.start(profile="ros2", library="benchmark")
@@ -196,7 +198,12 @@ def _write_mcap(path, messages, **options):
     return path
 
 
-def _write_rosbag2(folder, messages, plugin, compression=None):
+def _write_rosbag2(
+    folder: Path,
+    messages: Iterable[RosMessage],
+    plugin: StoragePlugin,
+    compression: CompressionMode | None = None,
+) -> Path:
     writer = Rosbag2Writer(folder / "bag", version=9, storage_plugin=plugin)
     if compression:
         writer.set_compression(compression, CompressionFormat.ZSTD)
@@ -207,7 +214,7 @@ def _write_rosbag2(folder, messages, plugin, compression=None):
     return path
 
 
-def _write_ros1_bag(path, messages, compression=None):
+def _write_ros1_bag(path: Path, messages: Iterable[RosMessage], compression: Any = None) -> Path:
     writer = BagWriter(path)
     writer.chunk_threshold = CHUNK_BYTES
     if compression:
@@ -217,7 +224,7 @@ def _write_ros1_bag(path, messages, compression=None):
     return path
 
 
-def _serialize_ros1(name, message):
+def _serialize_ros1(name: str, message: Any) -> bytes:
     return bytes(ROS1_TYPES.serialize_ros1(convert_to_ros1(message, ROS1_TYPES), name))
 
 
@@ -241,7 +248,7 @@ FUZZ_CONTAINERS = {
 }
 
 
-def write_fuzz_log(container, folder, messages):
+def write_fuzz_log(container: str, folder: Path, messages: Iterable[RosMessage]) -> Path:
     """The file that holds rows in a container, below an empty folder."""
     Path(folder).mkdir(parents=True, exist_ok=True)
     return FUZZ_CONTAINERS[container](Path(folder), messages)

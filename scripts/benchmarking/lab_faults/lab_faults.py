@@ -1,7 +1,10 @@
 """What labs get wrong, alone and all together: what is found of it, and what it costs the poses."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -56,20 +59,20 @@ class LabOutcome:
     was found {quantity: (error, σ)} of the faults, in ms, ppm, mm, deg, px; verdict, and its
     first reason."""
 
-    errors: dict
-    sigma: dict
-    nees_ratio: dict
-    fault_errors: dict
+    errors: dict[str, tuple[float, float]]
+    sigma: dict[str, tuple[float, float]]
+    nees_ratio: dict[str, float]
+    fault_errors: dict[str, tuple[float, float]]
     verdict: str
     first_finding: str
 
 
-def lab_log_name(fault, seed):
+def lab_log_name(fault: str, seed: int) -> str:
     """Of a simulated log."""
     return f"lab-{fault.replace(' ', '-')}-s{seed}"
 
 
-def plan_lab_simulations(faults, seeds):
+def plan_lab_simulations(faults: Sequence[str], seeds: Sequence[int]) -> dict[str, list[str]]:
     """{folder: arguments of simulate.py}."""
     return {
         lab_log_name(fault, seed): f"{LAB_ARGUMENTS} --seed {seed} {LAB_FAULTS[fault][1]}".split()
@@ -78,12 +81,12 @@ def plan_lab_simulations(faults, seeds):
     }
 
 
-def lab_estimate_options(fault, has_options_on):
+def lab_estimate_options(fault: str, has_options_on: bool) -> dict[str, Any]:
     """Block solve.estimate of a fault's config, with all that it asks for on, or all off."""
     return {"intrinsics": LAB_FAULTS[fault][2]} if has_options_on else DISABLED_ESTIMATES
 
 
-def make_lab_rig(fault, rig_config):
+def make_lab_rig(fault: str, rig_config: dict[str, Any]) -> dict[str, Any]:
     """The simulated rig's config, without the truth, as the fault's lab states it."""
     sensors = {n: dict(s) for n, s in rig_config["sensors"].items()}
     if LAB_FAULTS[fault][2]:
@@ -92,21 +95,24 @@ def make_lab_rig(fault, rig_config):
     return {k: v for k, v in rig_config.items() if k != "truth"} | {"sensors": sensors}
 
 
-def read_lab_outcome(results, log):
+def read_lab_outcome(results: Path, log: Path) -> LabOutcome:
     """The Outcome of results/<rig> of a log's folder."""
     truth = json.loads((log / "truth.json").read_text())
     calibration = json.loads((results / "calibration.json").read_text())
     reasons = json.loads((results / "verdict.json").read_text())["findings"]
     solved = {n: s for n, s in calibration["sensors"].items() if s["T_robot_sensor"]}
     poses = {
-        n: [np.array(x["T_robot_sensor"]["matrix"]) for x in (truth["sensors"][n], s)]
+        n: (
+            np.array(truth["sensors"][n]["T_robot_sensor"]["matrix"]),
+            np.array(s["T_robot_sensor"]["matrix"]),
+        )
         for n, s in solved.items()
     }
     return LabOutcome(
         errors={n: compute_pose_error(*T) for n, T in poses.items()},
         sigma={n: sigma_mm_deg(np.array(s["covariance"])) for n, s in solved.items()},
         nees_ratio={
-            n: compute_nees(*poses[n], np.array(s["covariance"])) / 6 for n, s in solved.items()
+            n: compute_nees(*poses[n], np.array(s["covariance"])) for n, s in solved.items()
         },
         fault_errors=dict(
             _clock_errors(solved, truth)
@@ -118,7 +124,9 @@ def read_lab_outcome(results, log):
     )
 
 
-def _clock_errors(solved_sensors, truth):
+def _clock_errors(
+    solved_sensors: dict[str, Any], truth: dict[str, Any]
+) -> list[tuple[str, tuple[float, float]]]:
     late, ppm, out = truth["time_offset_s"], truth["time_drift_ppm"], []
     for name, sensor in solved_sensors.items():
         for session in (sensor["clock_drift"] or {}).values():
@@ -132,7 +140,9 @@ def _clock_errors(solved_sensors, truth):
     return out
 
 
-def _mount_errors(calibration, truth):
+def _mount_errors(
+    calibration: dict[str, Any], truth: dict[str, Any]
+) -> list[tuple[str, tuple[float, float]]]:
     out = []
     for name, found in sorted(calibration["targets"].items()):
         if found:
@@ -147,7 +157,9 @@ def _mount_errors(calibration, truth):
     return out
 
 
-def _lens_errors(solved_sensors, truth):
+def _lens_errors(
+    solved_sensors: dict[str, Any], truth: dict[str, Any]
+) -> list[tuple[str, tuple[float, float]]]:
     out = []
     for name, sensor in solved_sensors.items():
         if sensor["intrinsics"]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarking.lab_faults.lab_faults import LAB_FAULTS, NO_FAULT
+from benchmarking.lab_faults.lab_faults import LAB_FAULTS, NO_FAULT, LabOutcome
 from benchmarking.page.markdown import (
     PageSection,
     format_goal_ratio,
@@ -19,7 +19,7 @@ QUANTITY_GOALS = {"ms": 0.5, "mm": 0.5, "°": 0.05}  # design's, of offsets and 
 LARGE_OFFSET_GOAL_MS = 1.0  # ms, of an offset of 200 ms
 
 
-def build_lab_section(outcomes):
+def build_lab_section(outcomes: dict[tuple[str, bool], list[LabOutcome]]) -> PageSection:
     """The Section on {(fault, on): [lab.Outcome] of its logs}."""
     faults = list(dict.fromkeys(fault for fault, _ in outcomes))
     count = len(next(iter(outcomes.values())))
@@ -40,40 +40,44 @@ def build_lab_section(outcomes):
     return PageSection("What labs get wrong", LAB_TEMPLATE.format(**parts), missed)
 
 
-def compute_lab_rms(outcomes, field_name):
+def compute_lab_rms(outcomes: list[LabOutcome], field_name: str) -> tuple[float, float]:
     """(mm, deg) over all sensors and logs of what = errors or sigma."""
     values = np.array([v for o in outcomes for v in getattr(o, field_name).values()])
     return tuple(np.sqrt(np.mean(values**2, axis=0)))
 
 
-def _fault_row(outcomes, fault):
+def _fault_row(outcomes: dict[tuple[str, bool], list[LabOutcome]], fault: str) -> list[str]:
     own, clean = outcomes[fault, True], outcomes[NO_FAULT, True]
     return [
         LAB_FAULTS[fault][0],
         format_mm_deg(compute_lab_rms(own, "errors")),
         format_goal_ratio(compute_lab_rms(own, "errors"), compute_lab_rms(clean, "errors")),
         format_goal_ratio(compute_lab_rms(own, "sigma"), compute_lab_rms(clean, "sigma")),
-        format_two_digits(np.mean([v for o in own for v in o.nees.values()])),
+        format_two_digits(float(np.mean([v for o in own for v in o.nees_ratio.values()]))),
         _join_verdicts(own),
     ]
 
 
-def _join_verdicts(outcomes):
+def _join_verdicts(outcomes: list[LabOutcome]) -> str:
     return ", ".join(sorted({o.verdict for o in outcomes}))
 
 
-def compute_quantity_rms(outcomes):
+def compute_quantity_rms(outcomes: list[LabOutcome]) -> dict[str, tuple[float, float]]:
     """{quantity: (rms error, rms σ)} over the logs of a fault."""
-    names = sorted({q for o in outcomes for q in o.found})
+    names = sorted({q for o in outcomes for q in o.fault_errors})
     return {
         q: tuple(
-            np.sqrt(np.mean(np.square([o.found[q] for o in outcomes if q in o.found]), axis=0))
+            np.sqrt(
+                np.mean(
+                    np.square([o.fault_errors[q] for o in outcomes if q in o.fault_errors]), axis=0
+                )
+            )
         )
         for q in names
     }
 
 
-def find_quantity_goal(fault, quantity):
+def find_quantity_goal(fault: str, quantity: str) -> float | None:
     """The goal of a quantity, in its own unit, or None."""
     unit = quantity.rsplit(", ", 1)[1]
     return (
@@ -81,7 +85,9 @@ def find_quantity_goal(fault, quantity):
     )
 
 
-def _quantity_rows(outcomes, fault):
+def _quantity_rows(
+    outcomes: dict[tuple[str, bool], list[LabOutcome]], fault: str
+) -> list[list[str]]:
     return [
         [
             LAB_FAULTS[fault][0],
@@ -94,31 +100,31 @@ def _quantity_rows(outcomes, fault):
     ]
 
 
-def _disabled_row(outcomes, fault):
+def _disabled_row(outcomes: dict[tuple[str, bool], list[LabOutcome]], fault: str) -> list[str]:
     own, clean = outcomes[fault, False], outcomes[NO_FAULT, False]
     return [
         LAB_FAULTS[fault][0],
         format_mm_deg(compute_lab_rms(own, "errors")),
         format_goal_ratio(compute_lab_rms(own, "errors"), compute_lab_rms(clean, "errors")),
         _join_verdicts(own),
-        own[0].reason.replace("|", "/") or "–",
+        own[0].first_finding.replace("|", "/") or "–",
     ]
 
 
-def check_lab_goals(outcomes, fault):
+def check_lab_goals(outcomes: dict[tuple[str, bool], list[LabOutcome]], fault: str) -> list[str]:
     """Sentences on what one fault leaves beyond the goals."""
     title, out = LAB_FAULTS[fault][0], []
     own, clean = outcomes[fault, True], outcomes[NO_FAULT, True]
     over = np.divide(compute_lab_rms(own, "errors"), compute_lab_rms(clean, "errors"))
     if over.max() > MAX_ERROR_RATIO:
         out.append(
-            f"{title}: errors are {format_two_digits(over.max())} × those of the clean log, goal {MAX_ERROR_RATIO}"
+            f"{title}: errors are {format_two_digits(over.max())} × those of the clean log, "
+            f"goal {MAX_ERROR_RATIO}"
         )
     for q, (error, _) in compute_quantity_rms(own).items():
-        if find_quantity_goal(fault, q) and not error <= find_quantity_goal(fault, q):
-            out.append(
-                f"{title}: {q}: {format_two_digits(error)}, goal {format_two_digits(find_quantity_goal(fault, q))}"
-            )
+        goal = find_quantity_goal(fault, q)
+        if goal and not error <= goal:
+            out.append(f"{title}: {q}: {format_two_digits(error)}, goal {format_two_digits(goal)}")
     quiet = [o for o in outcomes[fault, False] if o.verdict == "pass"]
     if fault != NO_FAULT and quiet:
         out.append(f"{title}: with the options off {len(quiet)} of the logs pass")

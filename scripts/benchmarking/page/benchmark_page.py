@@ -1,5 +1,8 @@
 """The benchmark's tables and what they fall short of, as Markdown; all words follow the numbers."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from benchmarking.accuracy.accuracy_cases import (
@@ -28,7 +31,7 @@ from benchmarking.page.statistics_tables import (
     format_full_run_table,
 )
 
-ACCURACY_COLUMNS = (
+ACCURACY_COLUMNS: tuple[str, ...] = (
     "case",
     "N",
     "method",
@@ -59,13 +62,13 @@ def format_accuracy_row(line: AccuracyLine) -> list[str]:
         format_mm_deg(line.sigma),
         "no noise" if row.is_noise_free else format_mm_deg(line.reference),
         format_mm_deg(goal),
-        format_goal_ratio(line.error, goal) if held else "–",
+        format_goal_ratio(line.error, goal) if goal else "–",
         format_mm_deg(row.paper_errors.get(line.n_placements)),
         format_mm_deg(row.cpp_errors.get(line.method, {}).get(line.n_placements)),
     ]
 
 
-def check_line_goals(line):
+def check_line_goals(line: AccuracyLine) -> list[str]:
     """Sentences on what a line does not reach; only the default method is held to the goals, and
     one log alone only where its data carry no noise."""
     if line.method != DEFAULT_METHOD:
@@ -79,7 +82,7 @@ def check_line_goals(line):
     return out
 
 
-def format_cost_table(run_speed):
+def format_cost_table(run_speed: RunSpeed) -> str:
     """The cost table of a cost.Speed."""
     rows = [
         [stage, str(c.n_jobs), f"{c.wall_s:.1f}", f"{c.cpu_s:.1f}", str(c.peak_memory_mb)]
@@ -95,7 +98,7 @@ def format_cost_table(run_speed):
     return format_markdown_table(head, rows)
 
 
-def check_speed_goals(run_speed):
+def check_speed_goals(run_speed: RunSpeed) -> list[str]:
     """Sentences on what the speed row does not reach, and on how it differs from the goal's."""
     out = []
     most = max((c.peak_memory_mb for c in run_speed.stage_costs.values()), default=0)
@@ -120,7 +123,12 @@ def check_speed_goals(run_speed):
     return out
 
 
-def format_missed_goals(lines, run_speed, draw_results, sections):
+def format_missed_goals(
+    lines: list[AccuracyLine],
+    run_speed: RunSpeed,
+    draw_results: tuple[Any, ...],
+    sections: Sequence[PageSection],
+) -> str:
     """Everything that is not reached, one sentence each, as a Markdown list; draw_results: (draws,
     coverage, full runs) as many.short_of takes them; sections: [Section]."""
     sentences = [s for line in lines for s in check_line_goals(line)] + check_draw_goals(
@@ -133,7 +141,7 @@ def format_missed_goals(lines, run_speed, draw_results, sections):
     return "\n".join(f"* {s}." for s in sentences)
 
 
-def format_pixel_table(lines):
+def format_pixel_table(lines: list[AccuracyLine]) -> str:
     """The table of how far corners and contour points lie from the truth."""
     goals = {"diamond-camera": "0.005"}
     head = ("case", "N", "rms error per axis, px", "goal, px")
@@ -143,13 +151,18 @@ def format_pixel_table(lines):
     return format_markdown_table(
         head,
         [
-            [x.row.title, str(x.n), format_two_digits(x.pixels), goals.get(x.row.key, "–")]
+            [
+                x.row.title,
+                str(x.n_placements),
+                format_two_digits(x.pixel_error_px),
+                goals.get(x.row.key, "–"),
+            ]
             for x in found
         ],
     )
 
 
-def describe_decode_memory(run_speed):
+def describe_decode_memory(run_speed: RunSpeed) -> str:
     """A sentence on the memory of decode over the size of the log."""
     known = sorted(m for m in run_speed.decode_memory_mb if np.isfinite(m[1]))
     if not known:
@@ -161,12 +174,12 @@ def describe_decode_memory(run_speed):
     )
 
 
-def decode_cpu_ratio(run_speed):
+def decode_cpu_ratio(run_speed: RunSpeed) -> float:
     """CPU time of decode over that of mcap's own reader."""
     return getattr(run_speed.stage_costs.get("decode"), "cpu_s", np.nan) / run_speed.raw_cpu_s
 
 
-def describe_decode_cost(run_speed):
+def describe_decode_cost(run_speed: RunSpeed) -> str:
     """A sentence on decode against mcap's own reader."""
     return (
         f"mcap's own reader takes {format_two_digits(run_speed.raw_cpu_s)} s CPU to hand out the same messages undecoded; "
@@ -180,7 +193,7 @@ def render_benchmark_page(
     draw_results: tuple[
         dict[tuple[str, int], DrawStatistics], list[CoverageResult], dict[str, DrawStatistics]
     ],
-    sections: tuple[PageSection, PageSection],
+    sections: Sequence[PageSection],
     is_quick: bool,
 ) -> str:
     """The page; draw_results: (draws, coverage, full runs); sections: [Section] after those; is_quick: only

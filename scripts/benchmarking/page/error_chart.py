@@ -31,7 +31,7 @@ def collect_chart_marks(
 ) -> dict[str, tuple[float, float]]:
     """{what: (mm, deg)} that one line puts into the figure; draw_statistics: {(key, N): Statistics} of many
     draws of the noise, which say more than the error of one log."""
-    out = {line.method: line.error}
+    out: dict[str, tuple[float, float] | None] = {line.method: line.error}
     if line.method == DEFAULT_METHOD:
         many = draw_statistics.get((line.row.key, line.n_placements))
         out["goal"] = find_accuracy_goal(line.row, line.n_placements, many or line)
@@ -66,7 +66,7 @@ def draw_error_chart(
     return fig
 
 
-def draw_chart_legend(fig):
+def draw_chart_legend(fig: Figure) -> None:
     """One entry per mark, above the axes."""
     shown = [k for k in CHART_MARKERS if k != "C++"]
     handles = [

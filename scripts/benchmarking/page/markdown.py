@@ -1,5 +1,6 @@
 """Numbers and tables as the benchmark's page writes them."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,10 +14,10 @@ class PageSection(NamedTuple):
 
     title: str
     text: str
-    missed_goals: list
+    missed_goals: list[str]
 
 
-def format_two_digits(value: float | float64 | int) -> str:
+def format_two_digits(value: float | None) -> str:
     """x to two significant digits, without an exponent; a dash for nothing."""
     if value is None or not np.isfinite(value):
         return "–"
@@ -33,9 +34,7 @@ def format_mm_deg(error_mm_deg: tuple[float, float] | None) -> str:
 
 
 def format_markdown_table(
-    head: tuple[str, str, str, str, str, str]
-    | tuple[str, str, str, str, str, str, str, str, str, str, str, str]
-    | tuple[str, str, str, str, str, str, str, str, str, str],
+    head: Sequence[str],
     rows: list[list[str]],
 ) -> str:
     """A Markdown table of texts."""

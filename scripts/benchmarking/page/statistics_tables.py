@@ -28,7 +28,7 @@ from benchmarking.page.markdown import (
     format_two_digits,
 )
 
-DRAW_COLUMNS = (
+DRAW_COLUMNS: tuple[str, ...] = (
     "case",
     "N",
     "draws",
@@ -88,13 +88,13 @@ def _format_draw_row(row: AccuracyRow, n_placements: int, statistics: DrawStatis
     ]
 
 
-def format_nees_band(nees, n_draws, n_dof=6):
+def format_nees_band(nees: float, n_draws: int, n_dof: int = 6) -> str:
     """A mean of NEES over its degrees of freedom, with the band of honest ones, as text."""
     low, high = compute_nees_band(n_draws, n_dof)
     return f"{format_two_digits(nees)} [{format_two_digits(low)}, {format_two_digits(high)}]"
 
 
-def format_coverage_table(coverage_results):
+def format_coverage_table(coverage_results: list[CoverageResult]) -> str:
     """The table of Coverages."""
     return format_markdown_table(
         COVERAGE_COLUMNS,
@@ -176,10 +176,13 @@ def _check_row_goals(row: AccuracyRow, n_placements: int, statistics: DrawStatis
     return out + check_nees_band(where, statistics.mean_nees, statistics.n_results)
 
 
-def describe_failed_draws(case_label: str, statistics: DrawStatistics) -> list[Any]:
+def describe_failed_draws(case_label: str, statistics: DrawStatistics) -> list[str]:
     """A sentence on draws without a pose, if there are any."""
     return (
-        [f"{case_label}: {statistics.lost} of {statistics.count + statistics.lost} without a pose"]
+        [
+            f"{case_label}: {statistics.n_failures} of {statistics.n_results + statistics.n_failures}"
+            " without a pose"
+        ]
         if statistics.n_failures
         else []
     )
