@@ -98,7 +98,9 @@ def compute_case_reference(
         "associate": settings["associate"],
     }
     noise = mocap_noise_json(truth["arguments"])
-    places = make_still_placements(table, case.case_name, targets=options["targets"], mocap_noise=noise)
+    places = make_still_placements(
+        table, case.case_name, targets=options["targets"], mocap_noise=noise
+    )
     session = SessionKeypoints(
         session=case.case_name,
         keypoints=pairs,
