@@ -84,7 +84,7 @@ def started(arguments, off):
 
 def members(pairs, sensor):
     """Every member of a sensor: its target, view, kind and index, sorted."""
-    mine = (pairs["sensor"] == sensor) & (pairs["candidate_feature"] >= 0)
+    mine = (pairs["sensor"] == sensor) & pairs["is_inlier"]
     columns = (pairs[k][mine].tolist() for k in ("target", "view", "kind", "feature_index"))
     return sorted(zip(*columns, strict=True))
 

@@ -194,7 +194,7 @@ def test_members_of_a_lidar_lie_on_the_targets_to_3_micrometres(here, truth):
         mine = (
             (pairs["target"] == name)
             & (pairs["kind"] == "target_surface")
-            & (pairs["candidate_feature"] >= 0)
+            & pairs["is_inlier"]
         )
         seen = 0
         for place in truth["placements"]:

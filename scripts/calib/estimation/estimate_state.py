@@ -92,7 +92,7 @@ def fit_local_motions(setup: Setup, theta: np.ndarray) -> list[LocalMotion]:
 
 
 def clock_delays(setup: Setup, theta: np.ndarray, placement: Placement) -> tuple[float, float]:
-    """Return (time offset of the sensor, lag of the target's poses), s; zero for a target at rest."""
+    """Return (time offset of the sensor, lag of the target's poses), s; 0 for a target at rest."""
     view = placement.moving_view
     if view is None:
         return 0.0, 0.0

@@ -25,39 +25,43 @@ def make_still_placements(
 ) -> dict[int, Placement]:
     """Return the placements at rest of one session by number, from columns of placements.parquet.
 
-    targets: config blocks by name; mocap_noise: block with pose_sigma and pose_bias_sigma; mounts:
-    T_body_target (4, 4) where it is not the configured one; clock_error_s: largest σ of the
-    sensors' time offsets, s.
+    targets: config blocks by name; mocap_noise: block `mocap`; mounts: T_body_target (4, 4) where
+    it is not the configured one; clock_error_s: largest σ of the sensors' time offsets, s.
 
-    The σ of an averaged pose has a part that averages within the placement, a bias that does not,
-    and the drift of the target during an unknown time offset. Of targets with template points the
-    poses are held, as in the paper: as unknowns they absorb the offsets of the nearest points, and
-    the search stops too early.
+    Of targets with template points the poses are held, as in the paper: as unknowns they absorb the
+    offsets of the nearest points, and the search stops too early.
     """
-    white, bias = (
-        pose_sigma_from_config(mocap_noise[k]) for k in ("pose_sigma", "pose_bias_sigma")
-    )
     configured = {n: pose_from_config(block["T_body_target"]) for n, block in targets.items()}
-    T_body_target = configured | (mounts or {})
-    rests = assign_robot_rests(columns)
+    T_body_target, rests = configured | (mounts or {}), assign_robot_rests(columns)
+    sigma = _mean_pose_sigma(columns, mocap_noise, clock_error_s)
     out = {}
     for i in np.flatnonzero(columns["kind"] == "still"):
         name = str(columns["target"][i])
         if name not in targets:
             continue
         is_held = is_compared_by_points(targets[name])
-        constant = np.hypot(bias, clock_error_s * columns["residual_drift"][i])
-        sigma = np.hypot(white * columns["mean_pose_sigma_factor"][i], constant)
         out[int(columns["placement"][i])] = Placement(
             session=session,
             target=name,
             T_robot_body=pose_from_xyz_quat(columns["xyz"][i], columns["quat"][i]),
             T_body_target=T_body_target[name],
-            mocap_sigma=sigma * (FIXED_POSE_SIGMA_FACTOR if is_held else 1.0),
+            mocap_sigma=sigma[i] * (FIXED_POSE_SIGMA_FACTOR if is_held else 1.0),
             robot_rest=None if is_held else int(rests[i]),
             start_ns=int(columns["start_ns"][i]),
         )
     return out
+
+
+def _mean_pose_sigma(
+    columns: dict[str, np.ndarray], mocap_noise: dict[str, Any], clock_error_s: float
+) -> np.ndarray:
+    """Return the σ (n, 6) of the mean poses: noise that averages within the placement, a bias that
+    does not, and the drift of the target during an unknown time offset."""
+    white, bias = (
+        pose_sigma_from_config(mocap_noise[k]) for k in ("pose_sigma", "pose_bias_sigma")
+    )
+    factor, drift = np.asarray(columns["mean_pose_sigma_factor"]), columns["residual_drift"]
+    return np.hypot(white * factor[:, None], np.hypot(bias, clock_error_s * drift))
 
 
 def assign_robot_rests(columns: dict[str, np.ndarray]) -> np.ndarray:

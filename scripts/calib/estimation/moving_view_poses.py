@@ -99,40 +99,45 @@ def build_moving_groups(
     placements: list[Placement] = []
     groups: list[MeasurementGroup] = []
     for view in sorted(set(keypoints["view"].tolist())):
-        columns = _keypoints_of_view(keypoints, view)
+        columns = _keypoints_of_view(keypoints, view, offset_s)
         if columns is None:
             continue
-        stamps = columns["stamp_ns"] + round(offset_s * NS_PER_S)
-        time_ns = int(stamps[0]) + int(np.mean(stamps - stamps[0]))
+        stamps = columns["stamp_ns"]
         placement = make_moving_placement(
             paths[str(columns["target"][0])],
             session=session,
             sensor=sensor,
-            time_ns=time_ns,
+            time_ns=int(stamps[0]) + int(np.mean(stamps - stamps[0])),
             mocap_noise=mocap_noise,
         )
-        if placement is not None:
-            groups.append(
-                MeasurementGroup(
-                    sensor=sensor,
-                    placement=first_index + len(placements),
-                    kind=str(columns["kind"][0]),
-                    keypoints=columns | {"stamp_ns": stamps},
-                    is_moving=True,
-                )
-            )
-            placements.append(placement)
+        if placement is None:
+            continue
+        group = MeasurementGroup(
+            sensor=sensor,
+            placement=first_index + len(placements),
+            kind=str(columns["kind"][0]),
+            keypoints=columns,
+            is_moving=True,
+        )
+        groups.append(group)
+        placements.append(placement)
     return placements, groups
 
 
-def _keypoints_of_view(keypoints: dict[str, np.ndarray], view: int) -> dict[str, np.ndarray] | None:
-    """Return at most MAX_KEYPOINTS_PER_VIEW usable keypoints of a view, or None without any."""
+def _keypoints_of_view(
+    keypoints: dict[str, np.ndarray], view: int, offset_s: float
+) -> dict[str, np.ndarray] | None:
+    """Return at most MAX_KEYPOINTS_PER_VIEW usable keypoints of a view, or None without any.
+
+    Their stamps are shifted by offset_s.
+    """
     rows = np.flatnonzero(
         (keypoints["view"] == view) & np.isin(keypoints["kind"], MOVING_VIEW_KINDS)
     )
     if len(rows) == 0:
         return None
-    return select_rows(keypoints, rows[space_evenly(len(rows), MAX_KEYPOINTS_PER_VIEW)])
+    columns = select_rows(keypoints, rows[space_evenly(len(rows), MAX_KEYPOINTS_PER_VIEW)])
+    return columns | {"stamp_ns": columns["stamp_ns"] + round(offset_s * NS_PER_S)}
 
 
 def add_moving_views(

@@ -13,7 +13,7 @@ def scale_to_unit_diagonal(information: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def decompose_information(information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return eigenvalues (n,), eigenvectors (n, n) in units of the unknowns, and which are rounding.
+    """Return eigenvalues (n,), eigenvectors (n, n) in units of the unknowns; which are rounding.
 
     After scaling every unknown to unit information: measurements of a micrometre beside priors of
     a tenth of a millimetre exceed double precision otherwise.

@@ -12,33 +12,17 @@ time. θ are the values of corrections, in units of the σ of their priors.
 The measurements of a group depend on one pose and on θ. They are linearized there into a gradient
 and a Gauss-Newton Hessian (a Factor); IPOPT then finds the poses of all chains, and θ, that
 minimise the sum. The solver linearizes again at the solution until nothing changes.
-
-IPOPT gets the gradient and the sparse Hessian, whose upper triangle is laid out once:
-
-                 poses ξ   errors y     θ
-               ┌─────────┬───────────┬─────┐
-       poses ξ │ ▓ ▓     │ ▓ ▓ ▓     │ ▒ ▒ │   ▓  sum of the factors' blocks (24, 24) at their
-               │   ▓     │   ▓   ▓   │ ▒ ▒ │      columns: sensor, mount, robot, body
-               ├─────────┼───────────┼─────┤   ▒  factors' blocks (24, q), if there are θ
-      errors y │         │ ╲         │ ▒   │   ╲  with the weights of the priors
-               │         │   ╲       │   ▒ │
-               ├─────────┼───────────┼─────┤
-             θ │         │           │ ▓ ▓ │   ▓  Hessian (p, p) of all factors by θ
-               └─────────┴───────────┴─────┘
-
-A mount that is not estimated has the column n_chain_unknowns in a factor's layout: it is dropped.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 
 from calib.estimation.nlp.casadi_vectorized import VectorizedFunction, vectorize_casadi_function
+from calib.estimation.nlp.ipopt_solver import build_ipopt_solver
 from calib.estimation.nlp.measurement_factor import Factor, joint_information
-from calib.estimation.nlp.nlp_hessian import layout_hessian
 from calib.estimation.nlp.symbolic_chain import (
     make_chain_function,
     make_condensed_cost,
@@ -49,21 +33,6 @@ from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
 from calib.estimation.residuals.robust_loss import tukey_cost
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.lidar.lidar_model import LidarModel
-
-NLP_OPTIONS: dict[str, Any] = {
-    "print_time": False,
-    "no_nlp_grad": True,  # derivatives by the parameters are not needed
-    "calc_lam_p": False,
-    "ipopt": {
-        "print_level": 0,
-        "sb": "yes",
-        "tol": 1e-11,
-        "acceptable_tol": 1e-9,
-        "acceptable_iter": 3,
-        "max_iter": 50,
-        "nlp_scaling_method": "none",
-    },
-}
 
 
 @dataclass(frozen=True)
@@ -132,10 +101,8 @@ class JointNlp:
         self.set_models(models)
         self.columns = np.stack([layout.columns for layout in layouts])
         self.chain_function = make_chain_function().map(len(layouts))
-        self.cost_function, self.derivative_function = (
-            f.map(len(layouts)) for f in make_condensed_cost()
-        )
-        self.solver = self._build_solver()
+        self.derivative_function = make_condensed_cost()[1].map(len(layouts))
+        self.solver = build_ipopt_solver(self.columns, n_chain_unknowns, n_correction_values)
 
     def set_models(self, models: dict[str, CameraModel | LidarModel]) -> None:
         """Compute residuals with these models, by sensor, from now on."""
@@ -286,90 +253,3 @@ class JointNlp:
                 gradient[index] += factor_gradient
                 hessian[np.ix_(index, index)] += factor_hessian
         return coupling.reshape(6 * n, p), gradient, hessian
-
-    def _build_solver(self) -> ca.Function:
-        """Build the NLP in x; all that changes between solutions is one vector of parameters."""
-        n_chain, p, b = self.n_chain_unknowns, self.n_correction_values, len(self.layouts)
-        x, packed, s = _make_nlp_symbols(n_chain + p, p, b)
-        chain_x = ca.reshape(ca.vertcat(x[:n_chain], 0)[self.columns.reshape(-1).tolist()], 24, b)
-        step, offset = x[n_chain:] - s.theta, s.prior_weight * (x + s.prior_mean)
-        # A step of θ acts on a pose as an additional gradient.
-        gradients = s.pose_gradient + ca.reshape(s.coupling @ step, 6, b)
-        inputs = chain_x, *s.chain_inputs, gradients, s.pose_hessian
-        gradient, hessian, dpose_dx, eta = self.derivative_function(*inputs)
-        cost = ca.sum2(self.cost_function(*inputs)) + ca.dot(offset, offset) / 2
-        cost = s.size * (
-            cost + ca.dot(step, s.theta_hessian @ step) / 2 + ca.dot(s.theta_gradient, step)
-        )
-        by_theta = s.coupling.T @ ca.vec(eta) + s.theta_hessian @ step + s.theta_gradient
-        layout = layout_hessian(self.columns, n_chain, p)
-        cost_gradient = s.size * (
-            ca.vertcat(layout.sum_gradient @ ca.vec(gradient), by_theta) + s.prior_weight * offset
-        )
-        mixed = [
-            dpose_dx[:, 24 * k : 24 * k + 24].T @ s.coupling[6 * k : 6 * k + 6, :]
-            for k in range(b * (p > 0))
-        ]
-        entries = ca.vertcat(
-            ca.vec(hessian),
-            s.prior_weight**2,
-            *(ca.vec(m) for m in mixed),
-            ca.vec(s.theta_hessian),
-        )
-        factor, none = ca.MX.sym("factor"), ca.MX.sym("none", ca.Sparsity(0, 0))
-        cost_hessian = ca.MX(
-            layout.upper_triangle, factor * s.size * (layout.sum_hessian @ entries)
-        )
-        derivatives = {
-            "grad_f": ca.Function("nlp_grad_f", [x, packed], [cost, cost_gradient]),
-            "hess_lag": ca.Function("nlp_hess_l", [x, packed, factor, none], [cost_hessian]),
-        }
-        problem: dict[str, Any] = {"x": x, "p": packed, "f": cost}
-        return ca.nlpsol("nlp", "ipopt", problem, NLP_OPTIONS | derivatives)
-
-
-class NlpSymbols(NamedTuple):
-    """The parameters of the NLP, in the order in which JointNlp.solve packs them.
-
-    size: scale of the cost; chain_inputs: of the condensed cost, without its x; theta, coupling,
-    theta_gradient, theta_hessian: where θ was linearized, and JointNlp._theta_system.
-    """
-
-    size: ca.MX
-    prior_mean: ca.MX
-    prior_weight: ca.MX
-    chain_inputs: list[ca.MX]
-    pose_gradient: ca.MX
-    pose_hessian: ca.MX
-    theta: ca.MX
-    coupling: ca.MX
-    theta_gradient: ca.MX
-    theta_hessian: ca.MX
-
-
-def _make_nlp_symbols(n: int, p: int, b: int) -> tuple[ca.MX, ca.MX, NlpSymbols]:
-    """Return unknowns x (n,), the last p of them θ, the packed parameters of b layouts, and these
-    one by one."""
-    shapes = [(1, 1), (n, 1), (n, 1), (24, b), *[(4, 4 * b)] * 3, (3, 4 * b), (6, b), (6, 6 * b)]
-    shapes += [(p, 1), (6 * b, p), (p, 1), (p, p)]
-    ends = np.cumsum([0] + [rows * columns for rows, columns in shapes]).tolist()
-    x, packed = ca.MX.sym("x", n), ca.MX.sym("p", ends[-1])
-    flat = ca.vertsplit(packed, ends)
-    parts = [ca.reshape(v, *shape) for v, shape in zip(flat, shapes, strict=True)]
-    size, mean, weight, *chain_inputs, g, H, theta, coupling, theta_gradient, theta_hessian = parts
-    return (
-        x,
-        packed,
-        NlpSymbols(
-            size=size,
-            prior_mean=mean,
-            prior_weight=weight,
-            chain_inputs=chain_inputs,
-            pose_gradient=g,
-            pose_hessian=H,
-            theta=theta,
-            coupling=coupling,
-            theta_gradient=theta_gradient,
-            theta_hessian=theta_hessian,
-        ),
-    )

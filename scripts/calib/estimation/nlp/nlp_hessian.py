@@ -1,4 +1,22 @@
-"""Layout of the joint problem's sparse Hessian; see the figure in joint_nlp."""
+"""Layout of the joint problem's sparse Hessian.
+
+IPOPT gets the gradient and the sparse Hessian, whose upper triangle is laid out once:
+
+                poses ξ     errors y     θ
+              +----------+------------+-------+
+     poses ξ  | F . . F  | . F . . F  | C C C |   F  sum of the factors' blocks (24, 24), at their
+              |   F . .  | F . . F .  | C C C |      columns: sensor, mount, robot, body
+              |     F .  | . . F . .  | C C C |
+              +----------+------------+-------+   C  factors' blocks (24, p) between chain and θ
+     errors y |          | F . . F .  | C C C |
+              |          |   F . . F  | C C C |   T  Hessian (p, p) of all factors by θ
+              |          |     F . .  | C C C |
+              +----------+------------+-------+   The diagonal also holds the priors' weights.
+     θ        |          |            | T T T |
+              +----------+------------+-------+
+
+A mount that is not estimated has the column n_chain_unknowns in a factor's layout: it is dropped.
+"""
 
 from typing import NamedTuple
 
