@@ -76,7 +76,7 @@ def make_chain_function() -> ca.Function:
 def make_condensed_cost() -> tuple[ca.Function, ca.Function]:
     """Return the functions of the cost ½ ηᵀHη + gᵀη, and of its derivatives.
 
-    η: perturbation of T_sensor_target from T0. Inputs: those of the chain function, T0 (3, 4), g (6)
+    η: perturbation of T_sensor_target from T0. Inputs: of the chain function, T0 (3, 4), g (6)
     and H (6, 6). Outputs: the cost; gradient (24), Hessian (24, 24), dη/dx (6, 24) and η (6).
 
     η = (R₀ᵀ(t - t₀), vee(R₀ᵀR)) is the right perturbation to first order; the Hessian
