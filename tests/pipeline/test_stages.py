@@ -191,11 +191,7 @@ def test_members_of_a_lidar_lie_on_the_targets_to_3_micrometres(here, truth):
         target = target_from_config(
             validate_and_complete("target", load_yaml(f"config/targets/{name}.yaml"), name)
         )
-        mine = (
-            (pairs["target"] == name)
-            & (pairs["kind"] == "target_surface")
-            & pairs["is_inlier"]
-        )
+        mine = (pairs["target"] == name) & (pairs["kind"] == "target_surface") & pairs["is_inlier"]
         seen = 0
         for place in truth["placements"]:
             at = (
