@@ -18,24 +18,38 @@ import argparse
 import os
 import sys
 import time
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from simulation import session_recording
+from calib.io.logs.ros_messages import RosMessage
 from simulation.config_and_truth import simulated_log_path, write_simulated_config, write_truth
-from simulation.placement_sampling import draw_placements
+from simulation.placement_sampling import PlacementSettings, draw_placements
 from simulation.ros_log import write_simulated_mcap
-from simulation.sensor_mounts import build_rig, bump_last_sensor, draw_displacement, perturb_pose
+from simulation.sensor_mounts import (
+    BuiltRig,
+    build_rig,
+    bump_last_sensor,
+    draw_displacement,
+    perturb_pose,
+)
 from simulation.sensors.camera_exposure import IMAGE_ENCODERS
 from simulation.sensors.mocap_errors import draw_label_swaps
-from simulation.session_recording import SessionTruth, generate_messages, mcs_time_span
+from simulation.session_recording import (
+    ROBOT_BODY,
+    SessionTruth,
+    generate_messages,
+    mcs_time_span,
+)
 from simulation.simulated_rigs import (
     COMPRESSED_ENCODINGS,
     LIDAR_CHOICES,
     SIMULATED_RIGS,
+    PlacementLayout,
     customize_rig,
     layouts_for_targets,
     simulated_camera_models,
@@ -54,7 +68,8 @@ from simulation.world.smooth_motion import schedule_placements
     MARKER_SEED,
     BUMP_SEED,
 ) = range(9)  # streams of random numbers
-SENSOR_ARGUMENTS = (  # flag, what it takes, what it does; of all lidars or all cameras of the rig
+# Flag, options of add_argument, help; they hold for all lidars or all cameras of the rig.
+SENSOR_ARGUMENTS: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("--sector-deg", {"type": float}, "azimuths recorded: ± about the lidar's x"),
     (
         "--lidar",
@@ -71,7 +86,7 @@ SENSOR_ARGUMENTS = (  # flag, what it takes, what it does; of all lidars or all 
     ),
     ("--distortion", {"type": float, "nargs": 4, "metavar": ("K1", "K2", "P1", "P2")}, "radtan"),
 )
-ERROR_ARGUMENTS = (  # flag, default, what it is
+ERROR_ARGUMENTS = (  # flag, default, help
     ("--range-noise-m", 0.0, "along the beam, standard deviation"),
     ("--beam-bias-m", 0.0, "of each beam's range, drawn once, standard deviation"),
     ("--beam-divergence-deg", 0.0, "angle across a beam; more than 0 mixes returns at edges"),
@@ -97,7 +112,8 @@ ERROR_ARGUMENTS = (  # flag, default, what it is
 )
 
 
-def parse_simulation_arguments(argv):
+def parse_simulation_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    """Parse the command line; a rig has defaults of its own."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -117,98 +133,140 @@ def parse_simulation_arguments(argv):
     add("--camera-info", action="store_true", help="written in place of the cameras' params")
     add("--upright", action="store_true", help="robot and targets turn about the vertical only")
     add("--label-swaps", type=int, default=0, help="times that two bodies exchange their names")
-    for flag, kind, what in SENSOR_ARGUMENTS:
-        add(flag, help=what, **kind)
-    for flag, default, what in ERROR_ARGUMENTS:
-        add(flag, type=float, default=default, help=what)
-    named = parser.parse_known_args(argv)[0].rig
-    parser.set_defaults(**SIMULATED_RIGS[named].default_arguments)
+    for flag, options, help_text in SENSOR_ARGUMENTS:
+        add(flag, help=help_text, **options)
+    for flag, default, help_text in ERROR_ARGUMENTS:
+        add(flag, type=float, default=default, help=help_text)
+    rig_name = parser.parse_known_args(argv)[0].rig
+    parser.set_defaults(**SIMULATED_RIGS[rig_name].default_arguments)
     return parser.parse_args(argv)
 
 
-def _parse_target_names(text):
+def _parse_target_names(text: str) -> list[str]:
     names = text.split(",")
     if set(names) - set(SIMULATED_TARGETS) or len(set(names)) < len(names):
         raise argparse.ArgumentTypeError(f"{text}: expected some of {','.join(SIMULATED_TARGETS)}")
     return [name for name in SIMULATED_TARGETS if name in names]
 
 
-def draw_sessions(args):
-    """Sessions of the arguments, and the guesses T_robot_sensor (4, 4) to be written, by sensor."""
+def draw_sessions(
+    args: argparse.Namespace,
+) -> tuple[list[SessionTruth], dict[str, np.ndarray]]:
+    """Draw the sessions, and the first guesses T_robot_sensor (4, 4) to be written, by sensor."""
     rig = customize_rig(SIMULATED_RIGS[args.rig], args)
     built = build_rig(rig, _make_rng(args, RIG_SEED), _make_rng(args, BEAM_SEED), args.beam_bias_m)
-    error, rng = (args.guess_error_m, args.guess_error_deg), _make_rng(args, GUESS_SEED)
-    guesses = {k: perturb_pose(rng, T, *error) for k, T in built.T_robot_sensor.items()}
+    rng = _make_rng(args, GUESS_SEED)
+    guesses = {
+        name: perturb_pose(rng, T, args.guess_error_m, args.guess_error_deg)
+        for name, T in built.T_robot_sensor.items()
+    }
     rng = _make_rng(args, MOUNT_SEED)
-    shifts = {k: draw_displacement(rng, args.mount_m, args.mount_deg) for k in args.targets}
-    kinds = layouts_for_targets(rig, args.targets)
-    sessions = [_draw_session(args, built, kinds, shifts, *s) for s in enumerate(rig.session_names)]
+    mounts = {name: draw_displacement(rng, args.mount_m, args.mount_deg) for name in args.targets}
+    layouts = layouts_for_targets(rig, args.targets)
+    sessions = []
+    for number, name in enumerate(rig.session_names):
+        is_bumped = (args.bump_m or args.bump_deg) and name == rig.session_names[-1]
+        session_rig = _bump_rig(args, built) if is_bumped else built
+        sessions.append(
+            _draw_session(
+                args, session_rig, number=number, name=name, layouts=layouts, target_mounts=mounts
+            )
+        )
     return sessions, guesses
 
 
-def _make_rng(args, seed_stream, session=0):
-    return np.random.default_rng([args.seed, seed_stream, session])
+def _make_rng(
+    args: argparse.Namespace, seed_stream: int, session_number: int = 0
+) -> np.random.Generator:
+    return np.random.default_rng([args.seed, seed_stream, session_number])
 
 
-def _draw_session(args, rig, layouts, target_mounts, session_number, session_name):
-    """The record.Session of that number and name."""
-    rng = [_make_rng(args, stream, session_number) for stream in range(SWAP_SEED + 1)]
+def _bump_rig(args: argparse.Namespace, rig: BuiltRig) -> BuiltRig:
+    T_bump = draw_displacement(_make_rng(args, BUMP_SEED), args.bump_m, args.bump_deg)
+    return bump_last_sensor(rig, T_bump)
+
+
+def _draw_session(
+    args: argparse.Namespace,
+    rig: BuiltRig,
+    *,
+    number: int,
+    name: str,
+    layouts: Sequence[PlacementLayout],
+    target_mounts: Mapping[str, np.ndarray],
+) -> SessionTruth:
+    """Draw the placements and the errors of one session."""
     # Drawn with targets of the size written in the config, whatever size they are built in.
-    drawn = draw_placements(
-        rng[PLACEMENT_SEED], build_scene(args.targets), rig, layouts, args.placements, args.upright
-    )
+    settings = PlacementSettings(build_scene(args.targets), rig, layouts, args.upright)
+    rng = _make_rng(args, PLACEMENT_SEED, number)
+    drawn = draw_placements(rng, settings, args.placements)
     times = schedule_placements(drawn.time_slots, args.hold_s, args.move_s)
+    start_ns, end_ns = mcs_time_span(times)
+    remount_m, remount_deg = (args.remount_m, args.remount_deg) if number else (0.0, 0.0)
+    return SessionTruth(
+        name=name,
+        session_number=number,
+        scene=build_scene(args.targets, args.target_scale),
+        rig=rig,
+        placement_times_ns=times,
+        placement_poses=drawn.placement_poses,
+        T_body_target=dict(target_mounts),
+        T_robot_markers=draw_displacement(
+            _make_rng(args, MARKER_SEED, number), remount_m, remount_deg
+        ),
+        mcs_biases=_draw_mcs_biases(args, number, list(drawn.placement_poses)),
+        label_swaps=draw_label_swaps(
+            _make_rng(args, SWAP_SEED, number),
+            args.label_swaps,
+            [ROBOT_BODY, *(SIMULATED_TARGETS[target]["body"] for target in args.targets)],
+            start_ns=start_ns,
+            end_ns=end_ns,
+        ),
+        arguments=args,
+    )
+
+
+def _draw_mcs_biases(
+    args: argparse.Namespace, session_number: int, names: Sequence[str]
+) -> dict[str, np.ndarray]:
+    """Draw the biases (placements, 6), m and rad, of robot and targets by name."""
+    rng = _make_rng(args, BIAS_SEED, session_number)
     sigma = np.repeat([args.mcs_bias_m, np.deg2rad(args.mcs_bias_deg)], 3)
-    biases = {
-        k: sigma * rng[BIAS_SEED].standard_normal((args.placements, 6))
-        for k in drawn.placement_poses
-    }
-    bodies = [session_recording.ROBOT_BODY, *(SIMULATED_TARGETS[k]["body"] for k in args.targets)]
-    swaps = draw_label_swaps(rng[SWAP_SEED], args.label_swaps, bodies, *mcs_time_span(times))
-    world = build_scene(args.targets, args.target_scale)
-    anew = (args.remount_m, args.remount_deg) if session_number else (0.0, 0.0)
-    markers = draw_displacement(_make_rng(args, MARKER_SEED, session_number), *anew)
-    if (args.bump_m or args.bump_deg) and session_name == SIMULATED_RIGS[args.rig].session_names[
-        -1
-    ]:
-        knock = draw_displacement(_make_rng(args, BUMP_SEED), args.bump_m, args.bump_deg)
-        rig = bump_last_sensor(rig, knock)
-    motions = (times, drawn.placement_poses, target_mounts, markers, biases, swaps)
-    return SessionTruth(session_name, session_number, world, rig, *motions, args)
+    return {name: sigma * rng.standard_normal((args.placements, 6)) for name in names}
 
 
-def write_session_log(session):
-    """Write the session's log, telling how far it is; what it holds, in words."""
+def write_session_log(session: SessionTruth) -> str:
+    """Write the log of a session with progress on stderr; returns what it holds, in words."""
     path = session.arguments.out / simulated_log_path(session.name)
     path.parent.mkdir(parents=True, exist_ok=True)
     counts = write_simulated_mcap(path, with_progress(session, generate_messages(session)))
-    listed = ", ".join(f"{n} on {topic}" for topic, n in sorted(counts.items()))
-    return f"wrote {path}: {listed}; {path.stat().st_size / 1e6:.1f} MB"
+    topics = ", ".join(f"{n} on {topic}" for topic, n in sorted(counts.items()))
+    return f"wrote {path}: {topics}; {path.stat().st_size / 1e6:.1f} MB"
 
 
-def write_all_sessions(sessions):
-    """What `write` says of every session; several are written in processes of their own."""
+def write_all_sessions(sessions: Sequence[SessionTruth]) -> list[str]:
+    """Write the logs of all sessions, several in processes of their own; returns what they hold."""
     if len(sessions) == 1:
         return [write_session_log(sessions[0])]
-    # Threads of NumPy's would take the cores from the other process; they start with NumPy.
+    # Threads of NumPy would take the cores from the other process; they start with NumPy.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
         return list(pool.map(write_session_log, sessions))
 
 
-def with_progress(session, messages):
-    """The messages, with a line on stderr for every tenth of the session."""
+def with_progress(session: SessionTruth, messages: Iterator[RosMessage]) -> Iterator[RosMessage]:
+    """Pass the messages on, with a line on stderr for every tenth of the session."""
     start, end = mcs_time_span(session.placement_times_ns)
-    begun, tenth = time.monotonic(), 1
+    start_s, tenth = time.monotonic(), 1
     for message in messages:
-        if message[0] >= start + tenth * (end - start) / 10:
-            took = time.monotonic() - begun
-            print(f"{session.name}: {10 * tenth} %, {took:.0f} s", file=sys.stderr, flush=True)
+        if message.log_time_ns >= start + tenth * (end - start) / 10:
+            elapsed_s = time.monotonic() - start_s
+            print(f"{session.name}: {10 * tenth} %, {elapsed_s:.0f} s", file=sys.stderr, flush=True)
             tenth += 1
         yield message
 
 
-def main(argv=None):
+def main(argv: Sequence[str] | None = None) -> None:
     args = parse_simulation_arguments(argv)
     sessions, guesses = draw_sessions(args)
     write_simulated_config(args.out / "config", args.rig, sessions, guesses)

@@ -1,86 +1,108 @@
-"""The configuration that a user would write for simulated logs, and the truth about them."""
+"""Write the config that a user would write for simulated logs, and the truth about them."""
 
+import argparse
 import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
 
 from calib.geometry.se3 import pose_to_quat, pose_to_rpy
-from simulation import session_recording
-from simulation.session_recording import topic_namespace
-from simulation.simulated_rigs import CONFIG_BY_RIG
+from simulation.sensor_mounts import BuiltRig
+from simulation.session_recording import MAP_FRAME, ROBOT_BODY, SessionTruth, topic_namespace
+from simulation.simulated_rigs import CONFIG_BY_RIG, SimulatedCamera, SimulatedLidar
 from simulation.world.room_scene import SIMULATED_TARGETS
 
 MIN_MCS_SIGMA_M, MIN_MCS_SIGMA_DEG = 1e-8, 1e-6
 MIN_RANGE_SIGMA_M = 0.001
-CONFIG_DECIMALS = 6  # decimals of a metre or degree in the written guess
+MIN_GUESS_SIGMA_M, MIN_GUESS_SIGMA_DEG = 0.005, 0.5
+UNIFORM_TO_SIGMA = 3**-0.5  # σ of a uniform distribution over half its width
+CONFIG_DECIMALS = 6  # of metres and degrees
 
 
-def simulated_log_path(session_name):
-    """Where the log of the session so named is, relative to the working directory."""
+def simulated_log_path(session_name: str) -> str:
+    """Return where the log of a session is, relative to the working directory."""
     return f"logs/{session_name}.mcap"
 
 
-def make_rig_config(rig, guesses, args):
-    """rigs/<rig>.yaml as a dict, of a mounts.Built; guesses: T_robot_sensor (4, 4) by sensor."""
-    xyz_m = max(args.mcs_noise_m, MIN_MCS_SIGMA_M)
-    rpy_deg = max(args.mcs_noise_deg, MIN_MCS_SIGMA_DEG)
-    bias = _sigma_json(
-        max(args.mcs_bias_m, MIN_MCS_SIGMA_M), max(args.mcs_bias_deg, MIN_MCS_SIGMA_DEG)
+def make_rig_config(
+    rig: BuiltRig, guesses: Mapping[str, np.ndarray], args: argparse.Namespace
+) -> dict[str, Any]:
+    """Make the content of rigs/<rig>.yaml; guesses: T_robot_sensor (4, 4) by sensor."""
+    guess_sigma = _sigma_json(
+        max(args.guess_error_m, MIN_GUESS_SIGMA_M) * UNIFORM_TO_SIGMA,
+        max(args.guess_error_deg, MIN_GUESS_SIGMA_DEG) * UNIFORM_TO_SIGMA,
     )
-    mocap = {
-        "topics": ["/tf"],
-        "map": session_recording.MAP_FRAME,
-        "pose_sigma": _sigma_json(xyz_m, rpy_deg),
-        "pose_bias_sigma": bias,
-    }
-    of_guess = _sigma_json(max(args.guess_error_m, 0.005), max(args.guess_error_deg, 0.5), 3**-0.5)
     sensors = {}
     for name, T in guesses.items():
         spec = rig.sensor_specs[name]
-        is_camera = name in rig.camera_models
+        is_camera = isinstance(spec, SimulatedCamera)
+        is_compressed = isinstance(spec, SimulatedCamera) and spec.is_compressed
         sensors[name] = {
             "kind": "camera" if is_camera else "lidar",
-            "topic": spec.topic + ("/compressed" if is_camera and spec.is_compressed else ""),
+            "topic": spec.topic + ("/compressed" if is_compressed else ""),
             "T_robot_sensor": rounded_pose_json(T),
-            "guess_sigma": of_guess,
-            **(_lens_config(spec, args) if is_camera else _lidar_config(spec, args)),
+            "guess_sigma": guess_sigma,
+            **_sensor_model_config(spec, args),
         }
     truth = {
         name: {"xyz_m": _float_list(T[:3, 3]), "quat_xyzw": _float_list(pose_to_quat(T))}
         for name, T in rig.T_robot_sensor.items()
     }
     return {
-        "body": session_recording.ROBOT_BODY,
-        "mocap": mocap,
+        "body": ROBOT_BODY,
+        "mocap": _mocap_config(args),
         "sensors": sensors,
         "truth": truth,
     }
 
 
-def _lidar_config(spec, args):
-    columns, rings = spec.scan_pattern.angular_steps_deg
+def _mocap_config(args: argparse.Namespace) -> dict[str, Any]:
     return {
-        "azimuth_step_deg": round(columns, CONFIG_DECIMALS),
-        "elevation_step_deg": round(rings, CONFIG_DECIMALS),
+        "topics": ["/tf"],
+        "map": MAP_FRAME,
+        "pose_sigma": _sigma_json(
+            max(args.mcs_noise_m, MIN_MCS_SIGMA_M), max(args.mcs_noise_deg, MIN_MCS_SIGMA_DEG)
+        ),
+        "pose_bias_sigma": _sigma_json(
+            max(args.mcs_bias_m, MIN_MCS_SIGMA_M), max(args.mcs_bias_deg, MIN_MCS_SIGMA_DEG)
+        ),
+    }
+
+
+def _sensor_model_config(
+    spec: SimulatedLidar | SimulatedCamera, args: argparse.Namespace
+) -> dict[str, Any]:
+    if isinstance(spec, SimulatedCamera):
+        return _lens_config(spec, args)
+    return _lidar_config(spec, args)
+
+
+def _lidar_config(spec: SimulatedLidar, args: argparse.Namespace) -> dict[str, Any]:
+    column_step, ring_step = spec.scan_pattern.angular_steps_deg
+    return {
+        "azimuth_step_deg": round(column_step, CONFIG_DECIMALS),
+        "elevation_step_deg": round(ring_step, CONFIG_DECIMALS),
         "azimuth_deg": [-spec.sector_deg, spec.sector_deg],
         "range_sigma_m": max(args.range_noise_m, MIN_RANGE_SIGMA_M),
     }
 
 
-def _lens_config(spec, args):
+def _lens_config(spec: SimulatedCamera, args: argparse.Namespace) -> dict[str, Any]:
     if args.camera_info:
         return {"camera_info": f"{topic_namespace(spec.topic)}/camera_info"}
     return _camera_model_config(spec)
 
 
-def _camera_model_config(spec):
+def _camera_model_config(spec: SimulatedCamera) -> dict[str, Any]:
     params = [float(p) for p in spec.params]
     return {"model": spec.model, "size_px": list(spec.size_px), "params": params}
 
 
-def rounded_pose_json(T):
-    """A pose (4, 4) as configs write it."""
+def rounded_pose_json(T: np.ndarray) -> dict[str, list[float]]:
+    """Return a pose (4, 4) as configs state it."""
     rpy = np.rad2deg(pose_to_rpy(T))
     return {
         "xyz_m": _float_list(T[:3, 3], CONFIG_DECIMALS),
@@ -88,49 +110,57 @@ def rounded_pose_json(T):
     }
 
 
-def make_target_config(name, args):
-    """targets/<name>.yaml as a dict."""
+def make_target_config(name: str, args: argparse.Namespace) -> dict[str, Any]:
+    """Make the content of targets/<name>.yaml."""
     spec = dict(SIMULATED_TARGETS[name])
     if args.mount_m or args.mount_deg:
         spec["alignment_sigma"] = _sigma_json(max(args.mount_m, 1e-4), max(args.mount_deg, 1e-2))
     return spec
 
 
-def write_simulated_config(folder, rig_name, sessions, guesses):
-    """Write config.yaml, rigs/<name>.yaml and targets/*.yaml below folder."""
+def write_simulated_config(
+    folder: Path,
+    rig_name: str,
+    sessions: Sequence[SessionTruth],
+    guesses: Mapping[str, np.ndarray],
+) -> None:
+    """Write config.yaml, rigs/<name>.yaml and targets/*.yaml below a folder."""
     rig, args, targets = sessions[0].rig, sessions[0].arguments, sessions[0].T_body_target
     logs = {
         s.name: {"rig": rig_name, "log": simulated_log_path(s.name), **_remounted_flag(s)}
         for s in sessions
     }
-    files = {"config.yaml": {"sessions": logs, **CONFIG_BY_RIG.get(rig_name, {})}}
+    files: dict[str, dict[str, Any]] = {}
+    files["config.yaml"] = {"sessions": logs, **CONFIG_BY_RIG.get(rig_name, {})}
     files[f"rigs/{rig_name}.yaml"] = make_rig_config(rig, guesses, args)
     for target in targets:
         files[f"targets/{target}.yaml"] = make_target_config(target, args)
-    for path, content in files.items():
-        path = folder / path
+    for name, content in files.items():
+        path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(
             yaml.dump(content, Dumper=_NoAliasDumper, sort_keys=False, default_flow_style=None)
         )
 
 
-def _remounted_flag(session):
-    """The key of a session whose markers were mounted anew."""
+def _remounted_flag(session: SessionTruth) -> dict[str, bool]:
+    """Return the key of a session whose markers were remounted."""
     return {} if np.array_equal(session.T_robot_markers, np.eye(4)) else {"remounted": True}
 
 
 class _NoAliasDumper(yaml.SafeDumper):
-    """Without anchors for what occurs twice."""
+    """Writes content that occurs twice in full, without anchors."""
 
-    def ignore_aliases(self, data):
+    def ignore_aliases(self, data: object) -> bool:
         return True
 
 
-def truth_json(sessions, guesses):
-    """All that was drawn, as JSON types, with the arguments.
+def truth_json(
+    sessions: Sequence[SessionTruth], guesses: Mapping[str, np.ndarray]
+) -> dict[str, Any]:
+    """Make the content of truth.json: everything that was drawn, and the arguments.
 
-    Placements and swaps stand at the top of a single session's truth, below `sessions` otherwise.
+    Placements and swaps are at the top for a single session, below `sessions` otherwise.
     """
     rig, args, targets = sessions[0].rig, sessions[0].arguments, sessions[0].T_body_target
     drawn = {session.name: _session_truth_json(session) for session in sessions}
@@ -149,7 +179,7 @@ def truth_json(sessions, guesses):
             for name, T in rig.T_robot_sensor.items()
         },
         "cameras": {
-            name: _camera_model_config(rig.sensor_specs[name]) for name in rig.camera_models
+            name: _camera_model_config(rig.camera_spec(name)) for name in rig.camera_models
         },
         "time_offset_s": args.mcs_late_s,
         "time_drift_ppm": args.mcs_drift_ppm,
@@ -158,7 +188,7 @@ def truth_json(sessions, guesses):
     }
 
 
-def _session_truth_json(session):
+def _session_truth_json(session: SessionTruth) -> dict[str, Any]:
     swaps = [
         {"start_ns": start, "end_ns": end, "bodies": list(pair)}
         for start, end, pair in session.label_swaps
@@ -168,7 +198,7 @@ def _session_truth_json(session):
     return {"placements": placements, "label_swaps": swaps, **markers}
 
 
-def _placement_truth_json(session, placement_index):
+def _placement_truth_json(session: SessionTruth, placement_index: int) -> dict[str, Any]:
     start, end = (int(t) for t in session.placement_times_ns[placement_index])
     T_world_robot = session.placement_poses["robot"][placement_index]
     return {
@@ -191,13 +221,15 @@ def _placement_truth_json(session, placement_index):
     }
 
 
-def write_truth(path, sessions, guesses):
+def write_truth(
+    path: Path, sessions: Sequence[SessionTruth], guesses: Mapping[str, np.ndarray]
+) -> None:
     """Write truth.json."""
     path.write_text(json.dumps(truth_json(sessions, guesses), indent=1) + "\n")
 
 
-def full_pose_json(T):
-    """A pose (4, 4) as xyz_m, quat_xyzw and matrix."""
+def full_pose_json(T: np.ndarray) -> dict[str, list]:
+    """Return a pose (4, 4) as xyz_m, quat_xyzw and matrix."""
     return {
         "xyz_m": _float_list(T[:3, 3]),
         "quat_xyzw": _float_list(pose_to_quat(T)),
@@ -205,10 +237,10 @@ def full_pose_json(T):
     }
 
 
-def _sigma_json(xyz_m, rpy_deg, scale=1.0):
-    return {"xyz_m": float(f"{xyz_m * scale:.5g}"), "rpy_deg": float(f"{rpy_deg * scale:.5g}")}
+def _sigma_json(xyz_m: float, rpy_deg: float) -> dict[str, float]:
+    return {"xyz_m": float(f"{xyz_m:.5g}"), "rpy_deg": float(f"{rpy_deg:.5g}")}
 
 
-def _float_list(values, decimals=None):
+def _float_list(values: np.ndarray, decimals: int | None = None) -> list[float]:
     values = np.asarray(values, float)
     return (values if decimals is None else np.round(values, decimals)).tolist()

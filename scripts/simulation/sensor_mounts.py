@@ -1,4 +1,4 @@
-"""A rig as it is built: mounts drawn about the nominal ones, and guesses of them."""
+"""Build a rig: mounts drawn around the nominal ones, and first guesses of them."""
 
 from typing import NamedTuple
 
@@ -6,31 +6,49 @@ import numpy as np
 
 from calib.geometry.se3 import make_pose, pose_from_rpy, so3_exp
 from calib.sensors.camera.camera_model import CameraModel
-from simulation.simulated_rigs import SimulatedCamera
+from simulation.simulated_rigs import SimulatedCamera, SimulatedLidar, SimulatedRig
 
-MAX_SENSOR_DEVIATION_M, MAX_SENSOR_DEVIATION_DEG = (
-    0.02,
-    3.0,
-)  # largest deviation per axis of a true mount from the nominal one
+# Largest deviation per axis of a true mount from the nominal one.
+MAX_SENSOR_DEVIATION_M, MAX_SENSOR_DEVIATION_DEG = 0.02, 3.0
 
 
 class BuiltRig(NamedTuple):
-    """By sensor: its description (rigs.Lidar or rigs.Camera) and T_robot_sensor (4, 4); by camera:
-    the model; by lidar: the bias (beams,) of its beams, m."""
+    """A rig with its true mounts.
 
-    sensor_specs: dict
-    T_robot_sensor: dict
-    camera_models: dict
-    beam_bias_m: dict
+    By sensor: its description and T_robot_sensor (4, 4). By camera: the model. By lidar: the bias
+    (beams,) of its beams, m.
+    """
 
-    def lidar_names(self):
-        """Names of the lidars, in order."""
+    sensor_specs: dict[str, SimulatedLidar | SimulatedCamera]
+    T_robot_sensor: dict[str, np.ndarray]
+    camera_models: dict[str, CameraModel]
+    beam_bias_m: dict[str, np.ndarray]
+
+    def lidar_names(self) -> list[str]:
+        """Return the names of the lidars, in order."""
         return [name for name in self.sensor_specs if name not in self.camera_models]
 
+    def lidar_spec(self, name: str) -> SimulatedLidar:
+        """Return the description of a lidar."""
+        spec = self.sensor_specs[name]
+        assert isinstance(spec, SimulatedLidar), f"{name} is no lidar"
+        return spec
 
-def build_rig(rig, rng, rng_bias, beam_bias_m=0.0):
-    """The rig with its mounts and the biases of its beams drawn."""
-    sensors = {name: _draw_sensor_pose(rng, spec) for name, spec in rig.sensors.items()}
+    def camera_spec(self, name: str) -> SimulatedCamera:
+        """Return the description of a camera."""
+        spec = self.sensor_specs[name]
+        assert isinstance(spec, SimulatedCamera), f"{name} is no camera"
+        return spec
+
+
+def build_rig(
+    rig: SimulatedRig,
+    rng: np.random.Generator,
+    rng_bias: np.random.Generator,
+    beam_bias_m: float = 0.0,
+) -> BuiltRig:
+    """Draw the mounts of a rig and the biases of its beams, of standard deviation beam_bias_m."""
+    poses = {name: _draw_sensor_pose(rng, spec) for name, spec in rig.sensors.items()}
     cameras = {
         name: CameraModel(spec.model, spec.params, spec.size_px)
         for name, spec in rig.sensors.items()
@@ -39,31 +57,39 @@ def build_rig(rig, rng, rng_bias, beam_bias_m=0.0):
     bias = {
         name: beam_bias_m * rng_bias.standard_normal(spec.scan_pattern.n_beams)
         for name, spec in rig.sensors.items()
-        if name not in cameras
+        if isinstance(spec, SimulatedLidar)
     }
-    return BuiltRig(rig.sensors, sensors, cameras, bias)
+    return BuiltRig(rig.sensors, poses, cameras, bias)
 
 
-def _draw_sensor_pose(rng, spec):
+def _draw_sensor_pose(
+    rng: np.random.Generator, spec: SimulatedLidar | SimulatedCamera
+) -> np.ndarray:
     nominal = pose_from_rpy(spec.xyz_m, np.deg2rad(spec.rpy_deg))
     return perturb_pose(rng, nominal, MAX_SENSOR_DEVIATION_M, MAX_SENSOR_DEVIATION_DEG)
 
 
-def perturb_pose(rng, T, error_m, error_deg):
-    """T_a_b with a shift uniform within ±error_m along each axis of a, and a rotation vector
-    uniform within ±error_deg along each axis of b."""
+def perturb_pose(
+    rng: np.random.Generator, T: np.ndarray, error_m: float, error_deg: float
+) -> np.ndarray:
+    """Draw a pose near T_a_b (4, 4).
+
+    The shift is uniform within ±error_m along each axis of a, the rotation vector within
+    ±error_deg along each axis of b.
+    """
     shift, turn = rng.uniform(-1, 1, (2, 3))
     return make_pose(t=error_m * shift) @ T @ make_pose(so3_exp(np.deg2rad(error_deg) * turn))
 
 
-def bump_last_sensor(rig, T_bump):
-    """The rig with its last sensor moved by a pose (4, 4) along its own axes."""
-    name = list(rig.sensors)[-1]
-    return rig._replace(sensors=rig.sensors | {name: rig.sensors[name] @ T_bump})
+def bump_last_sensor(rig: BuiltRig, T_bump: np.ndarray) -> BuiltRig:
+    """Return the rig with its last sensor moved by a pose (4, 4) along its own axes."""
+    name = list(rig.T_robot_sensor)[-1]
+    bumped = {name: rig.T_robot_sensor[name] @ T_bump}
+    return rig._replace(T_robot_sensor=rig.T_robot_sensor | bumped)
 
 
-def draw_displacement(rng, length_m, angle_deg):
-    """A pose (4, 4) of that length and angle, in random directions."""
+def draw_displacement(rng: np.random.Generator, length_m: float, angle_deg: float) -> np.ndarray:
+    """Draw a pose (4, 4) with that length and angle, in random directions."""
     shift, axis = rng.standard_normal((2, 3))
     shift, axis = shift / np.linalg.norm(shift), axis / np.linalg.norm(axis)
     return make_pose(so3_exp(np.deg2rad(angle_deg) * axis), length_m * shift)

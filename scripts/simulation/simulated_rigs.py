@@ -1,76 +1,84 @@
-"""Rigs as data: sensors, what is recorded, and where the targets are held.
+"""Simulated rigs as data: sensors, sessions, and where the targets are held.
 
-To add a rig: one entry in RIGS.
+To add a rig: one entry in SIMULATED_RIGS.
 """
 
-from typing import NamedTuple
+import argparse
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 from calib.sensors.camera.camera_model import CAMERA_MODELS
-from simulation.sensors.scan_patterns import SCAN_PATTERNS
+from simulation.sensors.scan_patterns import SCAN_PATTERNS, ScanPattern
 
 
 class SimulatedLidar(NamedTuple):
-    """A lidar: topic, nominal T_robot_sensor, cloud format (drivers.DRIVERS), scan pattern
-    (patterns.PATTERNS), azimuths recorded (± about its x axis), and when its first scan starts."""
+    """A lidar: topic, nominal T_robot_sensor, names of its cloud format (CLOUD_FORMATS) and scan
+    pattern (SCAN_PATTERNS), recorded azimuths (± about its x axis), and start of its first scan."""
 
     topic: str
-    xyz_m: tuple
-    rpy_deg: tuple
+    xyz_m: tuple[float, ...]
+    rpy_deg: tuple[float, ...]
     cloud_format: str = "velodyne"
     pattern_name: str = "beams16"
     sector_deg: float = 100.0
     start_s: float = 0.003
 
     @property
-    def scan_pattern(self):
+    def scan_pattern(self) -> ScanPattern:
         return SCAN_PATTERNS[self.pattern_name]
 
 
 class SimulatedCamera(NamedTuple):
-    """A camera: image topic without compression, nominal T_robot_sensor, model, encoding (bgr8 or
-    mono8 of Image, jpeg or png of CompressedImage), and when its first image is taken."""
+    """A camera: topic of its raw images, nominal T_robot_sensor, model, encoding (IMAGE_ENCODERS
+    for Image, COMPRESSED_ENCODINGS for CompressedImage), and time of its first image."""
 
     topic: str
-    xyz_m: tuple
-    rpy_deg: tuple
+    xyz_m: tuple[float, ...]
+    rpy_deg: tuple[float, ...]
     model: str
-    params: tuple
-    size_px: tuple
+    params: tuple[float, ...]
+    size_px: tuple[int, int]
     encoding: str = "bgr8"
     rate_hz: float = 4.0
     start_s: float = 0.02
 
     @property
-    def is_compressed(self):
+    def is_compressed(self) -> bool:
         return self.encoding in COMPRESSED_ENCODINGS
 
 
 class TargetSpot(NamedTuple):
     """Where a target is held: azimuths to the left and elevations about the forward axis of a
-    sensor, and distances from it; `seen_by` names the sensors that must see it well."""
+    sensor, and distances from it; the sensors that must see it well."""
 
     sensor: str
-    azimuth_deg: tuple
-    distance_m: tuple
-    visible_to: tuple
-    elevation_deg: tuple = (-4, 4)
+    azimuth_deg: tuple[float, float]
+    distance_m: tuple[float, float]
+    visible_to: tuple[str, ...]
+    elevation_deg: tuple[float, float] = (-4, 4)
+
+
+PlacementLayout = dict[str, TargetSpot]  # by target
 
 
 class SimulatedRig(NamedTuple):
-    """Sensors by name, sessions, the kinds of placements, which follow each other in turn, as Spot
-    by target; `alone`: the Spot of a target that is the only one; arguments unlike others'."""
+    """Sensors by name, sessions, and layouts of placements, which take turns.
 
-    sensors: dict
-    session_names: tuple
-    placement_layouts: tuple
-    single_target_spots: dict
-    default_arguments: dict
+    single_target_spots: where a target is held that is the only one. default_arguments: those that
+    differ from the defaults of simulate.py.
+    """
+
+    sensors: dict[str, SimulatedLidar | SimulatedCamera]
+    session_names: tuple[str, ...]
+    placement_layouts: tuple[PlacementLayout, ...]
+    single_target_spots: dict[str, TargetSpot]
+    default_arguments: dict[str, Any]
 
 
 COMPRESSED_ENCODINGS = ("jpeg", "png")
 # Of an image of 900 by 700 px.
 PRINCIPAL_POINT_PX = (452.6, 347.9)
-LENS_PARAMS = {
+LENS_PARAMS: dict[str, tuple[float, ...]] = {
     "radtan": (802.3, 801.1, *PRINCIPAL_POINT_PX, 0.0, 0.0, 0.0, 0.0),
     "kannala_brandt": (561.2, 560.4, *PRINCIPAL_POINT_PX, -0.013, 0.021, -0.014, 0.003),
     "double_sphere": (562.4, 561.7, *PRINCIPAL_POINT_PX, -0.19, 0.57),
@@ -92,14 +100,15 @@ LIDAR_CHOICES = {  # of --lidar: cloud format and scan pattern
     "sick_split": ("sick_split", "beams16"),
     "laserscan": ("laserscan", "flat"),
 }
-CONFIG_BY_RIG = {  # blocks of config.yaml: the demo is to be over within a minute
+# Blocks of config.yaml: the demo must end within a minute.
+CONFIG_BY_RIG: dict[str, dict[str, Any]] = {
     "demo": {
         "crop": {"max_frames": 4},
         "solve": {"tolerance_m": 1e-6, "tolerance_rad": 1e-6},  # a hundredth of its σ and less
         "report": {"max_overlays": 2},
     },
 }
-SIMULATED_RIGS = {
+SIMULATED_RIGS: dict[str, SimulatedRig] = {
     "sim": SimulatedRig(
         sensors={
             "velodyne": SimulatedLidar("/velodyne_points", (0.15, 0.0, 0.60), (0.0, 0.0, 2.0)),
@@ -115,7 +124,9 @@ SIMULATED_RIGS = {
                 "cylinder": TargetSpot("velodyne", (25, 70), (1.4, 2.4), ("velodyne",)),
             },
         ),
-        single_target_spots={"cylinder": TargetSpot("velodyne", (-18, 18), (1.4, 2.4), ("velodyne", "camera"))},
+        single_target_spots={
+            "cylinder": TargetSpot("velodyne", (-18, 18), (1.4, 2.4), ("velodyne", "camera")),
+        },
         default_arguments={},
     ),
     # A lidar alone, with the targets held all round it.
@@ -164,8 +175,12 @@ SIMULATED_RIGS = {
                 "cylinder": TargetSpot("rear_lidar", (-14, 14), (1.4, 2.4), ("rear_lidar",)),
             },
             {
-                "board": TargetSpot("left_camera", (-11, 11), (1.3, 2.4), ("left_camera",), (-3, 8)),
-                "cylinder": TargetSpot("right_camera", (-14, 14), (1.1, 1.7), ("right_camera",), (-9, 9)),
+                "board": TargetSpot(
+                    "left_camera", (-11, 11), (1.3, 2.4), ("left_camera",), (-3, 8)
+                ),
+                "cylinder": TargetSpot(
+                    "right_camera", (-14, 14), (1.1, 1.7), ("right_camera",), (-9, 9)
+                ),
             },
             {
                 "board": TargetSpot("rear_lidar", (-9, 9), (1.5, 2.8), ("rear_lidar",)),
@@ -182,45 +197,54 @@ SIMULATED_RIGS = {
 }  # fmt: skip
 
 
-def layouts_for_targets(rig, targets):
-    """The kinds of placements with those targets only."""
+def layouts_for_targets(rig: SimulatedRig, targets: Sequence[str]) -> tuple[PlacementLayout, ...]:
+    """Return the layouts of placements with some of the targets only."""
     if len(targets) == 1 and targets[0] in rig.single_target_spots:
         return ({targets[0]: rig.single_target_spots[targets[0]]},)
-    return tuple({name: kind[name] for name in targets} for kind in rig.placement_layouts)
+    return tuple({name: layout[name] for name in targets} for layout in rig.placement_layouts)
 
 
-def customize_rig(rig, args):
-    """The rig with what the arguments say of all its lidars or all its cameras; None says nothing.
+def customize_rig(rig: SimulatedRig, args: argparse.Namespace) -> SimulatedRig:
+    """Return the rig with what the arguments say of all its lidars or all its cameras.
 
-    A camera model comes with its own parameters and image size.
+    An argument of None changes nothing. A camera model comes with its own parameters and image
+    size.
     """
-    changes = {"sector_deg": args.sector_deg, "hz": args.camera_hz}
-    changes["encoding"] = args.compressed or args.encoding
+    lidar_changes: dict[str, Any] = {"sector_deg": args.sector_deg}
+    camera_changes: dict[str, Any] = {
+        "rate_hz": args.camera_hz,
+        "encoding": args.compressed or args.encoding,
+    }
     if args.lidar:
-        changes["driver"], changes["pattern"] = LIDAR_CHOICES[args.lidar]
+        cloud_format, pattern_name = LIDAR_CHOICES[args.lidar]
+        lidar_changes |= {"cloud_format": cloud_format, "pattern_name": pattern_name}
     if args.camera_model:
-        model = {"model": args.camera_model, "params": LENS_PARAMS[args.camera_model]}
-        changes |= model | {"size_px": (900, 700)}
-    sensors = {name: _replace_fields(sensor, changes) for name, sensor in rig.sensors.items()}
-    if args.distortion:
-        sensors = {
-            name: _set_distortion(sensor, args.distortion) for name, sensor in sensors.items()
+        camera_changes |= {
+            "model": args.camera_model,
+            "params": LENS_PARAMS[args.camera_model],
+            "size_px": (900, 700),
         }
+    sensors: dict[str, SimulatedLidar | SimulatedCamera] = {}
+    for name, spec in rig.sensors.items():
+        if isinstance(spec, SimulatedLidar):
+            sensors[name] = spec._replace(**_stated(lidar_changes))
+        else:
+            changed = spec._replace(**_stated(camera_changes))
+            sensors[name] = _set_distortion(changed, args.distortion)
     return rig._replace(sensors=sensors)
 
 
-def _replace_fields(sensor, new_values):
-    known = {k: v for k, v in new_values.items() if k in sensor._fields and v is not None}
-    return sensor._replace(**known)
+def _stated(changes: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in changes.items() if value is not None}
 
 
-def _set_distortion(sensor, distortion):
-    """A radtan camera with that k1 k2 p1 p2; another sensor as it is."""
-    if getattr(sensor, "model", "") != "radtan":
-        return sensor
-    return sensor._replace(params=(*sensor.params[:4], *distortion))
+def _set_distortion(camera: SimulatedCamera, distortion: Sequence[float] | None) -> SimulatedCamera:
+    """Return a radtan camera with distortion k1 k2 p1 p2; another camera as it is."""
+    if camera.model != "radtan" or not distortion:
+        return camera
+    return camera._replace(params=(*camera.params[:4], *distortion))
 
 
-def simulated_camera_models():
-    """Names of the camera models that there are parameters for."""
+def simulated_camera_models() -> list[str]:
+    """Return the names of the camera models with parameters in LENS_PARAMS."""
     return [name for name in CAMERA_MODELS if name in LENS_PARAMS]

@@ -36,6 +36,7 @@ from simulation.simulated_rigs import (
     SimulatedRig,
     TargetSpot,
 )
+from simulation.world.ray_casting import PosedScene
 
 NS_PER_MS = 10**6
 LOG_DELAY_NS = 2 * NS_PER_MS  # by which the log takes every message
@@ -123,8 +124,8 @@ def _scan_echoes(session, t, pattern):
     T = session.true_body_poses("robot", when) @ session.rig.T_robot_sensor["lidar"]
     bias = np.zeros(pattern.n_beams)
     return scan_scene(
-        *(session.scene, session.surface_poses(when), T, firing, t, np.random.default_rng(0)),
-        range_sigma_m=0.0, range_bias_m=bias, beam_divergence_rad=0.0,
+        PosedScene(session.scene, session.surface_poses(when), T), firing, t, range_sigma_m=0.0,
+        range_bias_m=bias, beam_divergence_rad=0.0,
     )  # fmt: skip
 
 

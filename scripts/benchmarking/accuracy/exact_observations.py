@@ -16,7 +16,7 @@ from calib.sensors.sensor_models import sensor_model_from_config
 from calib.targets.board import Board
 from calib.targets.cylinder import Cylinder
 from simulation.session_recording import SessionTruth
-from simulation.world.ray_casting import cast_rays
+from simulation.world.ray_casting import PosedScene, cast_rays
 from simulation.world.room_scene import find_surface_index, place_surfaces
 
 MIN_RETURNS, MAX_RETURNS = 30, 50  # returns of a scan
@@ -67,7 +67,7 @@ def select_target_beams(
     distance (n,) of all."""
     number = find_surface_index(session.scene, target)
     surfaces = place_surfaces({target: session.placement_poses[target][placement_index]})
-    distance, label = cast_rays(session.scene, surfaces, T_world_lidar, beams, [number])
+    distance, label = cast_rays(PosedScene(session.scene, surfaces, T_world_lidar), beams, [number])
     met = np.isfinite(distance)
     if target == "cylinder":
         met &= label == session.scene.first_labels[number]

@@ -33,6 +33,7 @@ from simulation.sensors.camera_exposure import digitize_image
 from simulation.sensors.lidar_scanner import scan_scene
 from simulation.sensors.mocap_errors import MCS_PERIOD_NS, measure_body_poses
 from simulation.session_recording import mcs_time_span
+from simulation.world.ray_casting import PosedScene
 
 DRAW_TOLERANCE = {
     "tolerance_m": 1e-7,
@@ -133,7 +134,7 @@ def _redraw_scan(
     when = np.array([placement_time_span(recording, placement)[0]])
     T = {k: np.reshape(v, (-1, 4, 4))[0] for k, v in session.surface_poses(when).items()}
     T_world_lidar = session.true_body_poses("robot", when)[0] @ recording.T_robot_sensor
-    echoes = scan_scene(session.scene, T, T_world_lidar, firing)
+    echoes = scan_scene(PosedScene(session.scene, T, T_world_lidar), firing)
     seen = echoes.has_return[:, 0]
     beams, distance = firing.beam_directions[seen, 0], echoes.distance_m[seen, 0]
     rest = {"ring": ring[seen], "point_time_ns": firing.column_time_ns[seen]}

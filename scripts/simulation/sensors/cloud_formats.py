@@ -1,9 +1,11 @@
-"""Cloud formats of lidar drivers.
+"""Lay out points as lidar drivers do.
 
-To add a driver: one line in DRIVERS, and one in FIELDS for each field that is new. The formats are
-those that the vendors' drivers publish by default, or when they are asked for times.
+To add a driver: one entry in CLOUD_FORMATS, and one in FIELD_VALUES for each new field. The
+formats are those that the vendors' drivers publish by default, or with point times switched on.
 """
 
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -12,9 +14,8 @@ from calib.geometry.units import NS_PER_S
 
 
 class Echoes(NamedTuple):
-    """What a lidar measured: xyz (columns, beams, 3), m, lidar frame, distance and grey level
-    (columns, beams), whether there is a return, and the columns' times (columns, 1), ns after
-    the stamp t, ns."""
+    """What a lidar measured: xyz (columns, beams, 3), m, lidar frame; distance, grey level and
+    whether there is a return (columns, beams); column_time_ns (columns, 1) after the stamp."""
 
     xyz: np.ndarray
     distance_m: np.ndarray
@@ -24,31 +25,43 @@ class Echoes(NamedTuple):
     stamp_ns: int
 
 
+FieldValues = Callable[[Echoes], np.ndarray | int]
+NO_OVERRIDES: Mapping[str, FieldValues] = MappingProxyType({})
+
+
 class CloudFormat(NamedTuple):
-    """Layout of a point; whether a cloud is an image of beams by columns, or a list of the returns
-    in the order of firing; x, y, z where there is no return; whether the stamp is that of the last
-    column, not of the first; and what fields hold that mean something else to other drivers."""
+    """The cloud of a driver.
+
+    is_organized: an image of beams by columns, not a list of the returns in the order of firing;
+    no_return_value: x, y and z without a return; has_end_stamp: the stamp is that of the last
+    column; field_overrides: fields that mean something else to other drivers.
+    """
 
     point_dtype: np.dtype
     is_organized: bool
     no_return_value: float = 0.0
     has_end_stamp: bool = False
-    field_overrides: dict = {}
+    field_overrides: Mapping[str, FieldValues] = NO_OVERRIDES
 
 
-def _point_dtype(size, **fields):
-    """dtype of size bytes; each field is "format offset"."""
-    names = list(fields)
-    formats, offsets = zip(*(f.split() for f in fields.values()), strict=True)
-    offsets = [int(o) for o in offsets]
-    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
+def _point_dtype(size: int, **fields: str) -> np.dtype:
+    """Make a dtype of size bytes; each field is "format offset"."""
+    formats, offsets = zip(*(text.split() for text in fields.values()), strict=True)
+    return np.dtype(
+        {
+            "names": list(fields),
+            "formats": list(formats),
+            "offsets": [int(offset) for offset in offsets],
+            "itemsize": size,
+        }
+    )
 
 
-def _absolute_time_ns(echoes):
+def _absolute_time_ns(echoes: Echoes) -> np.ndarray:
     return (echoes.stamp_ns + echoes.column_time_ns).astype(float)
 
 
-def _absolute_time_s(echoes):
+def _absolute_time_s(echoes: Echoes) -> np.ndarray:
     return (echoes.stamp_ns + echoes.column_time_ns) / NS_PER_S
 
 
@@ -57,7 +70,7 @@ _VELODYNE_POINT = _point_dtype(22, **XYZ_FIELDS, intensity="<f4 12", ring="<u2 1
 _TIMESTAMP_POINT = _point_dtype(
     26, **XYZ_FIELDS, intensity="<f4 12", ring="<u2 16", timestamp="<f8 18"
 )
-CLOUD_FORMATS = {
+CLOUD_FORMATS: dict[str, CloudFormat] = {
     "velodyne": CloudFormat(_VELODYNE_POINT, False),
     # As ros-drivers' velodyne without timestamp_first_packet.
     "velodyne_last": CloudFormat(_VELODYNE_POINT, False, has_end_stamp=True),
@@ -69,23 +82,27 @@ CLOUD_FORMATS = {
         True,
     ),
     "hesai": CloudFormat(_TIMESTAMP_POINT, False, field_overrides={"timestamp": _absolute_time_s}),
-    "robosense": CloudFormat(_TIMESTAMP_POINT, True, np.nan, field_overrides={"timestamp": _absolute_time_s}),
+    "robosense": CloudFormat(
+        _TIMESTAMP_POINT, True, np.nan, field_overrides={"timestamp": _absolute_time_s}
+    ),
     "plain": CloudFormat(_point_dtype(16, **XYZ_FIELDS, intensity="<f4 12"), False),
     "livox": CloudFormat(
-        _point_dtype(26, **XYZ_FIELDS, intensity="<f4 12", tag="u1 16", line="u1 17", timestamp="<f8 18"),
+        _point_dtype(
+            26, **XYZ_FIELDS, intensity="<f4 12", tag="u1 16", line="u1 17", timestamp="<f8 18"
+        ),
         False, field_overrides={"timestamp": _absolute_time_ns},
     ),
     "nebula": CloudFormat(
         _point_dtype(
-            32, **XYZ_FIELDS, intensity="u1 12", return_type="u1 13", channel="<u2 14", azimuth="<f4 16",
-            elevation="<f4 20", distance="<f4 24", time_stamp="<u4 28",
+            32, **XYZ_FIELDS, intensity="u1 12", return_type="u1 13", channel="<u2 14",
+            azimuth="<f4 16", elevation="<f4 20", distance="<f4 24", time_stamp="<u4 28",
         ),
         False,
     ),
     "nebula_legacy": CloudFormat(
         _point_dtype(
-            48, **XYZ_FIELDS, intensity="<f4 16", ring="<u2 20", azimuth="<f4 24", distance="<f4 28",
-            return_type="u1 32", time_stamp="<f8 40",
+            48, **XYZ_FIELDS, intensity="<f4 16", ring="<u2 20", azimuth="<f4 24",
+            distance="<f4 28", return_type="u1 32", time_stamp="<f8 40",
         ),
         False, field_overrides={"time_stamp": _absolute_time_s},
     ),
@@ -97,20 +114,23 @@ CLOUD_FORMATS = {
         False,
     ),
     "sick_split": CloudFormat(
-        _point_dtype(25, **XYZ_FIELDS, i="<f4 12", lidar_sec="<u4 16", lidar_nsec="<u4 20", ring="i1 24"), False
+        _point_dtype(
+            25, **XYZ_FIELDS, i="<f4 12", lidar_sec="<u4 16", lidar_nsec="<u4 20", ring="i1 24"
+        ),
+        False,
     ),
 }  # fmt: skip
 
 
-def _ring_numbers(echoes):
+def _ring_numbers(echoes: Echoes) -> np.ndarray:
     return np.arange(echoes.distance_m.shape[1])
 
 
-def _intensity(echoes):
+def _intensity(echoes: Echoes) -> np.ndarray:
     return np.where(echoes.has_return, np.round(echoes.grey_level / 2), 0)
 
 
-FIELD_VALUES = {
+FIELD_VALUES: dict[str, FieldValues] = {
     "x": lambda e: e.xyz[..., 0],
     "y": lambda e: e.xyz[..., 1],
     "z": lambda e: e.xyz[..., 2],
@@ -138,8 +158,8 @@ FIELD_VALUES = {
 }
 
 
-def apply_driver_stamp(driver_name, echoes):
-    """The Echoes with the stamp that the driver so named gives them, and times after that."""
+def apply_driver_stamp(driver_name: str, echoes: Echoes) -> Echoes:
+    """Return the echoes with the stamp that a driver gives them, and column times after it."""
     if not CLOUD_FORMATS[driver_name].has_end_stamp:
         return echoes
     last = int(echoes.column_time_ns[-1, 0])
@@ -148,15 +168,16 @@ def apply_driver_stamp(driver_name, echoes):
     )
 
 
-def make_point_array(driver_name, echoes):
-    """Points (height, width) of the driver so named."""
-    layout, organised, nothing, _, holds = CLOUD_FORMATS[driver_name]
-    shape = echoes.distance_m.shape
+def make_point_array(driver_name: str, echoes: Echoes) -> np.ndarray:
+    """Make the structured points (height, width) of a driver."""
+    cloud_format, shape = CLOUD_FORMATS[driver_name], echoes.distance_m.shape
+    field_values = {**FIELD_VALUES, **cloud_format.field_overrides}
+    is_organized = cloud_format.is_organized
     # Filled in its final order: a copy of a layout with gaps leaves the gaps to chance.
-    out = np.zeros(shape[::-1] if organised else shape, layout)
-    for name in layout.names:
-        values = np.broadcast_to((FIELD_VALUES | holds)[name](echoes), shape)
+    points = np.zeros(shape[::-1] if is_organized else shape, cloud_format.point_dtype)
+    for name in cloud_format.point_dtype.names or ():
+        values = np.broadcast_to(field_values[name](echoes), shape)
         if name in XYZ_FIELDS:
-            values = np.where(echoes.has_return, values, nothing)
-        out[name] = values.T if organised else values
-    return out if organised else out[echoes.has_return][None]
+            values = np.where(echoes.has_return, values, cloud_format.no_return_value)
+        points[name] = values.T if is_organized else values
+    return points if is_organized else points[echoes.has_return][None]

@@ -1,4 +1,7 @@
-"""What motion capture reports of the bodies: noise, lateness, losses and swapped names."""
+"""Simulate the errors of motion capture: noise, bias, dropouts and swapped labels."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -7,55 +10,103 @@ from simulation.world.smooth_motion import interpolate_placement_values
 
 MCS_PERIOD_NS = 10_000_000
 MEAN_DROPOUT_SAMPLES = 8  # samples lost in a row, on average
-LABEL_SWAP_DURATION_NS = (100_000_000, 300_000_000)  # how long two names stay swapped
+LABEL_SWAP_DURATION_NS = (100_000_000, 300_000_000)  # shortest and longest
 
 
-def measure_body_poses(session, rng, object_name, t):
-    """Poses (n, 4, 4) that the MCS reports at t (n,), ns: with bias and white noise along the axes
-    of the body."""
-    in_body = (
-        invert_pose(session.T_body_target[object_name])
-        if object_name in session.T_body_target
-        else session.T_robot_markers
-    )
-    T = session.true_body_poses(object_name, t) @ in_body
+class LabelSwap(NamedTuple):
+    """An interval, ns, in which two bodies have each other's name."""
+
+    start_ns: int
+    end_ns: int
+    bodies: tuple[str, str]
+
+
+class PoseNoise(Protocol):
+    """The noise of MCS poses per axis, standard deviations."""
+
+    mcs_noise_m: float
+    mcs_noise_deg: float
+
+
+class MocapTruth(Protocol):
+    """What the errors of motion capture need of a session; session_recording.SessionTruth."""
+
+    @property
+    def placement_times_ns(self) -> np.ndarray: ...
+
+    @property
+    def T_body_target(self) -> Mapping[str, np.ndarray]: ...
+
+    @property
+    def T_robot_markers(self) -> np.ndarray: ...
+
+    @property
+    def mcs_biases(self) -> Mapping[str, np.ndarray]: ...
+
+    @property
+    def arguments(self) -> PoseNoise: ...
+
+    def true_body_poses(self, name: str, t: np.ndarray) -> np.ndarray: ...
+
+
+def measure_body_poses(
+    session: MocapTruth, rng: np.random.Generator, object_name: str, t: np.ndarray
+) -> np.ndarray:
+    """Return the poses (n, 4, 4) that the MCS reports at t (n,), ns.
+
+    Bias and white noise act along the axes of the body.
+    """
+    if object_name in session.T_body_target:
+        T_object_body = invert_pose(session.T_body_target[object_name])
+    else:
+        T_object_body = session.T_robot_markers
+    T = session.true_body_poses(object_name, t) @ T_object_body
     bias = interpolate_placement_values(
         t, session.placement_times_ns, session.mcs_biases[object_name]
     )
-    args = session.arguments
-    sigma = np.repeat([args.mcs_noise_m, np.deg2rad(args.mcs_noise_deg)], 3)
+    noise = session.arguments
+    sigma = np.repeat([noise.mcs_noise_m, np.deg2rad(noise.mcs_noise_deg)], 3)
     return T @ se3_exp(bias) @ se3_exp(sigma * rng.standard_normal((len(t), 6)))
 
 
-def draw_dropouts(rng, n_samples, dropout_share):
-    """Which of n samples are lost: a share of them in the long run, in bursts."""
+def draw_dropouts(rng: np.random.Generator, n_samples: int, dropout_share: float) -> np.ndarray:
+    """Draw which samples (n,) are lost: a share of them in the long run, in bursts."""
     if not dropout_share:
         return np.zeros(n_samples, bool)
-    begin = dropout_share / (1 - dropout_share) / MEAN_DROPOUT_SAMPLES
-    out, u = np.zeros(n_samples, bool), rng.uniform(size=n_samples)
+    start_probability = dropout_share / (1 - dropout_share) / MEAN_DROPOUT_SAMPLES
+    is_lost, u = np.zeros(n_samples, bool), rng.uniform(size=n_samples)
     state = u[0] < dropout_share
     for i in range(n_samples):
-        state = u[i] >= 1 / MEAN_DROPOUT_SAMPLES if state else u[i] < begin
-        out[i] = state
-    return out
+        state = u[i] >= 1 / MEAN_DROPOUT_SAMPLES if state else u[i] < start_probability
+        is_lost[i] = state
+    return is_lost
 
 
-def draw_label_swaps(rng, n_swaps, body_names, start, end):
-    """Intervals in which two of the bodies are called by each other's name: (start, end, names),
-    start and end in ns."""
+def draw_label_swaps(
+    rng: np.random.Generator,
+    n_swaps: int,
+    body_names: Sequence[str],
+    *,
+    start_ns: int,
+    end_ns: int,
+) -> list[LabelSwap]:
+    """Draw intervals in which two of the bodies have each other's name, by start."""
     swaps = []
     for _ in range(n_swaps):
         length = rng.integers(*LABEL_SWAP_DURATION_NS)
-        begin = rng.integers(start, end - length)
-        pair = sorted(rng.choice(len(body_names), 2, replace=False))
-        swaps.append((int(begin), int(begin + length), tuple(body_names[i] for i in pair)))
+        begin = rng.integers(start_ns, end_ns - length)
+        a, b = sorted(rng.choice(len(body_names), 2, replace=False))
+        bodies = body_names[a], body_names[b]
+        swaps.append(LabelSwap(int(begin), int(begin + length), bodies))
     return sorted(swaps)
 
 
-def apply_label_swaps(poses, t, swaps):
-    """Poses by name (n, 4, 4) at t (n,), ns, with the names exchanged during the swaps."""
+def apply_label_swaps(
+    poses: Mapping[str, np.ndarray], t: np.ndarray, swaps: Sequence[LabelSwap]
+) -> dict[str, np.ndarray]:
+    """Return poses (n, 4, 4) by name at t (n,), ns, with the names exchanged during the swaps."""
     out = {name: T.copy() for name, T in poses.items()}
-    for begin, end, (a, b) in swaps:
-        during = (t >= begin) & (t < end)
+    for start_ns, end_ns, (a, b) in swaps:
+        during = (t >= start_ns) & (t < end_ns)
         out[a][during], out[b][during] = out[b][during], out[a][during]
     return out

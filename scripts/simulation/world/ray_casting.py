@@ -1,55 +1,72 @@
-"""Casts rays into the scene."""
+"""Cast rays into the scene."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib.geometry.se3 import invert_pose
 from simulation.world.ray_surfaces import SHAPE_INTERSECTIONS
+from simulation.world.room_scene import SimulatedScene
 
 
-def cast_rays(scene, T_world_surfaces, T_world_sensor, directions, surface_indices=None):
-    """Distance t (..., n) along rays directions (..., n, 3) to the nearest surface, and its label.
+@dataclass(frozen=True)
+class PosedScene:
+    """A scene with the poses of its surfaces, by name, and of the sensor in it.
 
-    T_world_surfaces by name and T_world_sensor are (4, 4) or (..., 4, 4), for rays that leave at
-    different times. t counts lengths of d. `only` limits the scene to some of its surfaces.
+    Poses are (4, 4), or (columns, 4, 4) for rays that leave at different times.
     """
+
+    scene: SimulatedScene
+    T_world_surfaces: dict[str, np.ndarray]
+    T_world_sensor: np.ndarray
+
+
+def cast_rays(
+    posed: PosedScene, directions: np.ndarray, surface_indices: Sequence[int] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distance (..., n) to the nearest surface and its label along rays (..., n, 3).
+
+    Distances count lengths of the directions, infinite for a miss. surface_indices limits the
+    scene to some of its surfaces.
+    """
+    scene = posed.scene
     t = np.full(directions[..., 0].size, np.inf)
     label = np.zeros(len(t), np.int32)
     for i in range(len(scene.surfaces)) if surface_indices is None else surface_indices:
         surface = scene.surfaces[i]
-        o, rays = _rays_in_surface(
-            invert_pose(T_world_surfaces[surface.name]) @ T_world_sensor, directions
+        origins, rays = _rays_in_surface(
+            invert_pose(posed.T_world_surfaces[surface.name]) @ posed.T_world_sensor, directions
         )
-        where = (
-            _rays_near_surface(surface.bounding_radius_m, o, rays)
-            if surface_indices is None
-            else slice(None)
-        )
-        near, face = SHAPE_INTERSECTIONS[surface.shape](
-            surface.shape_params, o[..., where], rays[:, where]
-        )
-        closer = (near > 0) & (near < t[where])
+        intersect = SHAPE_INTERSECTIONS[surface.shape]
         if surface_indices is None:
-            where = where[closer]
-            t[where], label[where] = near[closer], scene.first_labels[i] + face[closer]
+            near = _rays_near_surface(surface.bounding_radius_m, origins, rays)
+            t_hit, face = intersect(surface.shape_params, origins[..., near], rays[:, near])
+            is_closer = (t_hit > 0) & (t_hit < t[near])
+            near = near[is_closer]
+            t[near], label[near] = t_hit[is_closer], scene.first_labels[i] + face[is_closer]
         else:
-            np.copyto(t, near, where=closer)
-            np.copyto(label, scene.first_labels[i] + face, where=closer)
+            t_hit, face = intersect(surface.shape_params, origins, rays)
+            is_closer = (t_hit > 0) & (t_hit < t)
+            np.copyto(t, t_hit, where=is_closer)
+            np.copyto(label, scene.first_labels[i] + face, where=is_closer)
     return t.reshape(directions.shape[:-1]), label.reshape(directions.shape[:-1])
 
 
-def _rays_in_surface(T_surface_sensor, directions):
-    """Origins (3, 1 or n) and directions (3, n) of rays in the surface's frame."""
+def _rays_in_surface(
+    T_surface_sensor: np.ndarray, directions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return origins (3, n) and directions (3, n) of rays in the surface's frame."""
     R, o = T_surface_sensor[..., :3, :3], T_surface_sensor[..., :3, 3]
     if R.ndim == 2:
-        return np.broadcast_to(o[:, None], (3, directions[..., 0].size)), R @ directions.reshape(
-            -1, 3
-        ).T
+        origins = np.broadcast_to(o[:, None], (3, directions[..., 0].size))
+        return origins, R @ directions.reshape(-1, 3).T
     rays = np.moveaxis(directions @ np.swapaxes(R, -1, -2), -1, 0).reshape(3, -1)
     return np.repeat(np.moveaxis(o, -1, 0).reshape(3, -1), directions.shape[-2], axis=1), rays
 
 
-def _rays_near_surface(radius, origins, directions):
-    """Indices of the rays that meet the sphere about the surface."""
+def _rays_near_surface(radius: float, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Return the indices of the rays that meet the sphere around a surface."""
     if not np.isfinite(radius):
         return np.arange(directions.shape[1])
     along = _dot(origins, directions)
@@ -59,5 +76,5 @@ def _rays_near_surface(radius, origins, directions):
     )
 
 
-def _dot(a, b):
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -1,17 +1,37 @@
-"""Where rays meet the shapes that a scene is made of, exactly.
+"""Compute exactly where rays meet the shapes of a scene.
 
-A ray is o + t d in the frame of the shape. The functions of KINDS take what describes the shape
-and o and d (3, n); they return t (n,), infinite or NaN for a miss, and the face met (n,).
+A ray is o + t d in the frame of the shape, o and d (3, n). Every function of SHAPE_INTERSECTIONS
+returns t (n,), infinite or NaN for a miss, and the face that is met (n,).
 """
+
+from typing import Any, Protocol
 
 import numpy as np
 
 SKY_FACE = 3  # face of the room above its walls: no return
 
 
+class ShapeIntersection(Protocol):
+    """A function that meets rays with one kind of shape."""
+
+    def __call__(
+        self, shape_params: Any, o: np.ndarray, d: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return t (n,) and face (n,) of rays o + t d, o and d (3, n)."""
+        ...
+
+
 @np.errstate(divide="ignore", invalid="ignore")
-def intersect_board(shape_params, o, d):
-    """A convex polygon in z = 0; face 0 is the back, the squares follow."""
+def intersect_board(
+    shape_params: tuple[np.ndarray, np.ndarray, tuple[float, ...], float, tuple[int, ...]],
+    o: np.ndarray,
+    d: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Meet a convex polygon in z = 0; face 0 is the back, the squares follow.
+
+    shape_params: half-planes n · (x, y) ≤ c of the outline, low corner, side and numbers of the
+    squares.
+    """
     normals, offsets, low, square, count = shape_params
     t = -o[2] / d[2]
     x, y = o[0] + t * d[0], o[1] + t * d[1]
@@ -25,8 +45,13 @@ def intersect_board(shape_params, o, d):
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def intersect_cylinder(shape_params, o, d):
-    """A closed cylinder about x, centred; faces: side, cap at -x, cap at +x. o lies outside."""
+def intersect_cylinder(
+    shape_params: tuple[float, float], o: np.ndarray, d: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Meet a closed, centred cylinder about x from outside; faces: side, cap at -x, cap at +x.
+
+    shape_params: length and radius, m.
+    """
     half, radius = shape_params[0] / 2, shape_params[1]
     a = d[1] * d[1] + d[2] * d[2]
     b = o[1] * d[1] + o[2] * d[2]
@@ -40,9 +65,13 @@ def intersect_cylinder(shape_params, o, d):
     return t, np.where(on_side, 0, np.where(sign < 0, 1, 2))
 
 
-def cylinder_side_normals(shape_params, o, d):
-    """Outward normals (n, 3) where rays d (n, 3) from o (3,) meet the side of a cylinder; of those
-    that pass it by, where they pass nearest."""
+def cylinder_side_normals(
+    shape_params: tuple[float, float], o: np.ndarray, d: np.ndarray
+) -> np.ndarray:
+    """Return the outward normals (n, 3) where rays d (n, 3) from o (3,) meet a cylinder's side.
+
+    Rays that miss it get the normal where they pass nearest.
+    """
     radial = d[:, 1:]
     a, b = np.sum(radial**2, axis=1), radial @ o[1:]
     root = np.sqrt(np.maximum(b * b - a * (o[1:] @ o[1:] - shape_params[1] ** 2), 0))
@@ -52,17 +81,27 @@ def cylinder_side_normals(shape_params, o, d):
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def intersect_box(half_sizes, o, d):
-    """A box about its origin, from outside; the face is the axis it is normal to."""
-    reach = np.sign(d) * np.reshape(half_sizes, (3, 1))
+def intersect_box(
+    shape_params: tuple[float, float, float], o: np.ndarray, d: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Meet a box about its origin from outside; the face is the axis it is normal to.
+
+    shape_params: half sizes, m.
+    """
+    reach = np.sign(d) * np.reshape(shape_params, (3, 1))
     enter, leave = (-reach - o) / d, (reach - o) / d
     near = np.max(enter, axis=0)
     return np.where(near <= np.min(leave, axis=0), near, np.inf), np.argmax(enter, axis=0)
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def intersect_room(shape_params, o, d):
-    """The room from inside; faces: floor, walls normal to x, to y, what is above them."""
+def intersect_room(
+    shape_params: tuple[float, float, float, float], o: np.ndarray, d: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Meet the room from inside; faces: floor, walls normal to x, walls normal to y, sky.
+
+    shape_params: half sizes along x and y, heights of the ceiling and of the walls, m.
+    """
     x, y, ceiling, wall = shape_params
     high, low = (np.reshape(side, (3, 1)) for side in ((x, y, ceiling), (-x, -y, 0.0)))
     leave = np.where(d == 0, np.inf, (np.where(d > 0, high, low) - o) / d)
@@ -71,7 +110,7 @@ def intersect_room(shape_params, o, d):
     return t, np.where(above, SKY_FACE, np.array([1, 2, 0])[np.argmin(leave, axis=0)])
 
 
-SHAPE_INTERSECTIONS = {
+SHAPE_INTERSECTIONS: dict[str, ShapeIntersection] = {
     "board": intersect_board,
     "cylinder": intersect_cylinder,
     "box": intersect_box,

@@ -1,18 +1,19 @@
-"""The room, the targets and their stands as surfaces that rays meet exactly.
+"""The room, the targets and their stands as exact surfaces; nothing is tessellated.
 
-A surface lives in its own frame (shapes.py); nothing is tessellated.
-A label numbers one face of one surface: squares of a checkerboard are faces, and its grid lines
-run on across the margin, so that within a board every border between two labels is a whole line.
+A label is the number of one face of one surface. The squares of a checkerboard are faces, and its
+grid lines continue across the margin, so every border between two labels of a board is a whole
+line.
 """
 
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from calib.geometry.se3 import make_pose, transform_points
 
 WHITE, BLACK, GREEN, METAL = (200, 200, 200), (40, 40, 40), (60, 160, 50), (90, 90, 90)
-SIMULATED_TARGETS = {
+SIMULATED_TARGETS: dict[str, dict[str, Any]] = {
     "board": {
         "body": "mocap/board",
         "shape": "board",
@@ -34,7 +35,9 @@ SIMULATED_TARGETS = {
     },
 }
 ROOM_SIZE_M = (6.0, 6.0, 4.0, 1.6)  # half sizes along x and y, ceiling, height of the walls, m
-BOXES = {  # centre and half sizes, m, BGR; 5.1 m or more from the origin, where no target comes
+BOXES: dict[
+    str, tuple[tuple[float, ...], tuple[float, ...], tuple[int, ...]]
+] = {  # centre and half sizes, m, BGR; 5.1 m or more from the origin, where no target comes
     "crate": ((5.4, 1.3, 0.4), (0.3, 0.4, 0.4), (50, 60, 140)),
     "shelf": ((5.5, -1.6, 0.6), (0.3, 0.5, 0.6), (130, 80, 60)),
     "case": ((2.2, 5.3, 0.3), (0.4, 0.3, 0.3), (60, 110, 150)),
@@ -45,30 +48,33 @@ STAND_OFFSET_M = 0.06  # from a board's face to its stand
 
 
 class SceneSurface(NamedTuple):
-    """A surface: what its kind's intersection takes, the colours (faces, 3) of its faces (BGR, grey
-    levels), the radius about its origin that holds it, m, and its sharp corners (n, 3), m."""
+    """A surface with the parameters that SHAPE_INTERSECTIONS[shape] takes.
+
+    colors (faces, 3): BGR, grey levels; bounding_radius_m: of the sphere about its origin that
+    holds it; corners_m (n, 3): its sharp corners.
+    """
 
     name: str
     shape: str
-    shape_params: tuple
+    shape_params: tuple[Any, ...]
     colors: np.ndarray
     bounding_radius_m: float
     corners_m: np.ndarray
 
 
 class SimulatedScene(NamedTuple):
-    """Surfaces, the first label of each, and colour (labels, 3) and surface of each label."""
+    """Surfaces with the first label of each; colour (labels, 3) and surface index of each label."""
 
-    surfaces: tuple
+    surfaces: tuple[SceneSurface, ...]
     first_labels: np.ndarray
     label_colors: np.ndarray
     label_surfaces: np.ndarray
 
 
-def build_scene(targets, size_factor=1.0):
-    """Scene of the room with the targets of TARGETS so named and their stands.
+def build_scene(targets: Iterable[str], size_factor: float = 1.0) -> SimulatedScene:
+    """Build the room with targets of SIMULATED_TARGETS and their stands.
 
-    size_factor: built size of the targets over the size that TARGETS states.
+    size_factor: built size of the targets over the size that SIMULATED_TARGETS states.
     """
     surfaces = [_make_room(), *(_make_box(name) for name in BOXES)]
     for name in targets:
@@ -82,30 +88,31 @@ def build_scene(targets, size_factor=1.0):
     )
 
 
-def find_surface_index(scene, surface_name):
-    """Position of the surface so named."""
+def find_surface_index(scene: SimulatedScene, surface_name: str) -> int:
+    """Return the index of a surface."""
     return next(i for i, s in enumerate(scene.surfaces) if s.name == surface_name)
 
 
-def _make_room():
+def _make_room() -> SceneSurface:
     colors = np.array([(95, 100, 105), (135, 135, 130), (120, 125, 125), (75, 70, 65)])
     return SceneSurface("room", "room", ROOM_SIZE_M, colors, np.inf, np.zeros((0, 3)))
 
 
-def _make_box(name):
+def _make_box(name: str) -> SceneSurface:
     _, half, color = BOXES[name]
     colors = np.outer([0.8, 1.0, 1.15], color)
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
-    return SceneSurface(name, "box", half, colors, np.linalg.norm(half), signs * half)
+    return SceneSurface(name, "box", half, colors, float(np.linalg.norm(half)), signs * half)
 
 
-def _make_rod(name, length, radius):
+def _make_rod(name: str, length: float, radius: float) -> SceneSurface:
     size = (length, radius)
     reach = np.hypot(length / 2, radius)
     return SceneSurface(name, "cylinder", size, np.tile(METAL, (3, 1)), reach, np.zeros((0, 3)))
 
 
-def _make_target_surfaces(name, size_factor):
+def _make_target_surfaces(name: str, size_factor: float) -> list[SceneSurface]:
+    """Make a target and the rods of its stand."""
     spec = SIMULATED_TARGETS[name]
     if spec["shape"] == "board":
         outline = size_factor * np.array(spec["outline_m"])
@@ -122,8 +129,8 @@ def _make_target_surfaces(name, size_factor):
     return [body, _make_rod("cylinder_rod", ROD_M, 0.015), _make_rod("cylinder_pole", POLE_M, 0.02)]
 
 
-def _board_shape_params(spec, size_factor):
-    """Outline's half-planes n · (x, y) ≤ c, low corner of the squares, side, and their numbers."""
+def _board_shape_params(spec: dict[str, Any], size_factor: float) -> tuple[Any, ...]:
+    """Return half-planes n · (x, y) ≤ c of the outline, low corner, side and numbers of squares."""
     outline, pattern = size_factor * np.array(spec["outline_m"]), spec["pattern"]
     along = np.roll(outline, -1, axis=0) - outline
     normals = np.column_stack([along[:, 1], -along[:, 0]])
@@ -133,8 +140,8 @@ def _board_shape_params(spec, size_factor):
     return normals, np.sum(normals * outline, axis=1), low, square, count
 
 
-def _board_colors(spec):
-    """The back, then the squares with one row of margin around, x before y."""
+def _board_colors(spec: dict[str, Any]) -> np.ndarray:
+    """Return the colour of the back, then of the squares with one row of margin, x before y."""
     nx, ny = (c + 1 for c in spec["pattern"]["inner_corners"])
     first = 0 if spec["pattern"]["first_square"] == "black" else 1
     colors = np.tile(WHITE, (nx + 2, ny + 2, 1))
@@ -143,9 +150,11 @@ def _board_colors(spec):
     return np.concatenate([[METAL], colors.reshape(-1, 3)])
 
 
-def visibility_points(target_name):
-    """Points (n, 3), target frame, m, that a camera must see, and the normals (n, 3) there: the
-    corners of a board's squares, or a cylinder's side up to its ends."""
+def visibility_points(target_name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (n, 3), m, target frame, that a camera must see, and the normals there (n, 3).
+
+    They are the corners of a board's squares, or on a cylinder's side up to its ends.
+    """
     spec = SIMULATED_TARGETS[target_name]
     if target_name != "board":
         along = np.linspace(-0.49, 0.49, 9) * spec["length_m"]
@@ -161,8 +170,8 @@ def visibility_points(target_name):
     return np.stack([x, y, np.zeros_like(x)], -1), np.tile([0.0, 0.0, 1.0], (len(x), 1))
 
 
-def place_surfaces(T_world_targets):
-    """T_world_surface (..., 4, 4) by name, from those of the targets (..., 4, 4) by name."""
+def place_surfaces(T_world_targets: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return T_world_surface (..., 4, 4) by name from T_world_target (..., 4, 4) by name."""
     T = {"room": np.eye(4), **{name: make_pose(t=box[0]) for name, box in BOXES.items()}}
     for name, T_world_target in T_world_targets.items():
         T[name] = T_world_target
@@ -174,11 +183,11 @@ def place_surfaces(T_world_targets):
     return T
 
 
-def _board_stand_poses(T):
-    """A horizontal arm that starts 6 cm behind the centre, and a pole below it, behind the face.
+def _board_stand_poses(T: np.ndarray) -> dict[str, np.ndarray]:
+    """Place a horizontal arm that starts 6 cm behind the centre, and a pole below it.
 
-    Where the face looks down a pole under the centre would pierce it: it stands further back, so
-    that it is 3 cm behind the face's plane down to 0.85 m below the centre, lower than the board.
+    If the face looks down, a pole under the centre would pierce it. Then the pole is further back:
+    3 cm behind the face's plane down to 0.85 m below the centre, lower than the board.
     """
     normal = T[..., :3, 2]
     start = T[..., :3, 3] - STAND_OFFSET_M * normal
@@ -192,8 +201,8 @@ def _board_stand_poses(T):
     }
 
 
-def _cylinder_stand_poses(T):
-    """A rod out of the cap at -x, along the axis, and a pole below the rod's end."""
+def _cylinder_stand_poses(T: np.ndarray) -> dict[str, np.ndarray]:
+    """Place a rod out of the cap at -x, along the axis, and a pole below the rod's end."""
     half = SIMULATED_TARGETS["cylinder"]["length_m"] / 2
     rod = T.copy()
     rod[..., :3, 3] = transform_points(T, [-half - ROD_M / 2, 0, 0])
@@ -203,14 +212,14 @@ def _cylinder_stand_poses(T):
     }
 
 
-def _pole_pose(top):
-    """Frame of a vertical pole that ends at top (..., 3)."""
+def _pole_pose(top: np.ndarray) -> np.ndarray:
+    """Return the pose (..., 4, 4) of a vertical pole that ends at top (..., 3)."""
     up = np.broadcast_to([0.0, 0.0, 1.0], top.shape)
     return _frame_along_axis(up, top - [0, 0, POLE_M / 2])
 
 
-def _frame_along_axis(x, centre):
-    """Frame at centre (..., 3) whose x axis is the unit vector x (..., 3)."""
+def _frame_along_axis(x: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """Return a pose (..., 4, 4) at centre (..., 3) whose x axis is the unit vector x (..., 3)."""
     helper = np.where(np.abs(x[..., 2:]) > 0.9, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
     y = np.cross(helper, x)
     y = y / np.linalg.norm(y, axis=-1, keepdims=True)

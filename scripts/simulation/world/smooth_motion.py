@@ -1,4 +1,6 @@
-"""Poses as functions of time: still at every placement, smooth in between."""
+"""Compute poses over time: still at every placement, smooth in between."""
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -8,17 +10,24 @@ from calib.geometry.units import NS_PER_S
 SIMULATION_START_NS = 1_700_000_000_000_000_000
 
 
-def schedule_placements(time_slots, hold_s, move_s):
-    """Start and end (n, 2) of placements, int64 ns, that begin in the time_slots (n,) of time, each as
-    long as a placement and a move."""
+PositionPath = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+def schedule_placements(time_slots: np.ndarray, hold_s: float, move_s: float) -> np.ndarray:
+    """Return start and end (n, 2), int64 ns, of placements that begin in the time slots (n,).
+
+    A slot is as long as one placement and one move.
+    """
     start = SIMULATION_START_NS + np.asarray(time_slots, np.int64) * round(
         (hold_s + move_s) * NS_PER_S
     )
     return np.stack([start, start + round(hold_s * NS_PER_S)], -1)
 
 
-def find_motion_progress(t, placement_times_ns):
-    """Placement (n,) before the times t (n,), ns, and the fraction (n,) of the way to the next.
+def find_motion_progress(
+    t: np.ndarray, placement_times_ns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the placement (n,) before times t (n,), ns, and the fraction (n,) of the way onwards.
 
     The fraction is that of a minimum-jerk motion: 0 during a placement, with no velocity and no
     acceleration where a motion starts and ends. Before the first and after the last all is still.
@@ -35,14 +44,16 @@ def find_motion_progress(t, placement_times_ns):
     return k, s**3 * (10 - 15 * s + 6 * s * s)
 
 
-def interpolate_line(p0, p1, fraction):
-    """Points (n, 3) at the fractions fraction (n, 1) of the way."""
+def interpolate_line(p0: np.ndarray, p1: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+    """Return points (n, 3) at fractions (n, 1) of the straight way."""
     return p0 + fraction * (p1 - p0)
 
 
-def interpolate_around_robot(p0, p1, fraction):
-    """Points (n, 3) at the fractions fraction (n, 1) of the shorter way around the z axis: a target that
-    goes from the front to the rear is carried around the robot."""
+def interpolate_around_robot(p0: np.ndarray, p1: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+    """Return points (n, 3) at fractions (n, 1) of the shorter way around the z axis.
+
+    A target that goes from the front to the rear is carried around the robot.
+    """
     (r0, a0), (r1, a1) = (_to_polar(p) for p in (p0, p1))
     turn = (a1 - a0 + np.pi) % (2 * np.pi) - np.pi
     r, a = r0 + fraction * (r1 - r0), a0 + fraction * turn
@@ -51,14 +62,17 @@ def interpolate_around_robot(p0, p1, fraction):
     )
 
 
-def _to_polar(p):
+def _to_polar(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.hypot(p[:, :1], p[:, 1:2]), np.arctan2(p[:, 1:2], p[:, :1])
 
 
 def interpolate_placement_poses(
-    t, placement_times_ns, placement_poses, interpolate_position=interpolate_line
-):
-    """Poses (n, 4, 4) at t (n,), ns, of a body that rests at placement_poses (count, 4, 4)."""
+    t: np.ndarray,
+    placement_times_ns: np.ndarray,
+    placement_poses: np.ndarray,
+    interpolate_position: PositionPath = interpolate_line,
+) -> np.ndarray:
+    """Return poses (n, 4, 4) at t (n,), ns, of a body that rests at placement_poses (m, 4, 4)."""
     k, s = find_motion_progress(t, placement_times_ns)
     following = np.minimum(k + 1, len(placement_poses) - 1)
     out = placement_poses[k].copy()
@@ -73,15 +87,22 @@ def interpolate_placement_poses(
     return out
 
 
-def interpolate_pose_pair(T0, T1, fraction, interpolate_position=interpolate_line):
-    """Poses (n, 4, 4) at the fractions fraction (n,): along the path in position, geodesic in rotation."""
+def interpolate_pose_pair(
+    T0: np.ndarray,
+    T1: np.ndarray,
+    fraction: np.ndarray,
+    interpolate_position: PositionPath = interpolate_line,
+) -> np.ndarray:
+    """Return poses (n, 4, 4) at fractions (n,): positions along the path, rotations geodesic."""
     turn = so3_log(np.swapaxes(T0[..., :3, :3], -1, -2) @ T1[..., :3, :3])
     R = T0[..., :3, :3] @ so3_exp(fraction[..., None] * turn)
     return make_pose(R, interpolate_position(T0[..., :3, 3], T1[..., :3, 3], fraction[..., None]))
 
 
-def interpolate_placement_values(t, placement_times_ns, placement_values):
-    """Values (n, m) at t (n,), ns, blended between placement_values (count, m) as the poses are."""
+def interpolate_placement_values(
+    t: np.ndarray, placement_times_ns: np.ndarray, placement_values: np.ndarray
+) -> np.ndarray:
+    """Return values (n, m) at t (n,), ns, blended between those of placements like the poses."""
     k, s = find_motion_progress(t, placement_times_ns)
     following = np.minimum(k + 1, len(placement_values) - 1)
     return placement_values[k] + s[:, None] * (placement_values[following] - placement_values[k])

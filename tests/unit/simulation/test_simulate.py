@@ -37,6 +37,7 @@ from simulation.sensors.lidar_scanner import scan_scene
 from simulation.sensors.mocap_errors import measure_body_poses
 from simulation.sensors.scan_patterns import SCAN_PATTERNS
 from simulation.session_recording import MCS_MARGIN_NS, generate_tf_messages
+from simulation.world.ray_casting import PosedScene
 from simulation.world.ray_surfaces import intersect_cylinder
 from simulation.world.room_scene import (
     ARM_M,
@@ -379,7 +380,9 @@ def test_range_noise_has_its_standard_deviation_along_the_beam():
         np.random.default_rng(0),
     )
     exact, noisy = (
-        scan_scene(session.scene, surfaces, T_world_lidar, firing, 0, rng, sigma)
+        scan_scene(
+            PosedScene(session.scene, surfaces, T_world_lidar), firing, rng=rng, range_sigma_m=sigma
+        )
         for sigma in (0.0, 0.01)
     )
     a, b = (echoes.xyz[exact.has_return] for echoes in (exact, noisy))
@@ -500,7 +503,7 @@ def board_views():
     for k in range(2):
         T_world_camera = session.placement_poses["robot"][k] @ session.rig.T_robot_sensor["camera"]
         surfaces = place_surfaces({"board": session.placement_poses["board"][k]})
-        image = render_image(view, session.scene, surfaces, T_world_camera)[..., 0]
+        image = render_image(view, PosedScene(session.scene, surfaces, T_world_camera))[..., 0]
         images.append((image, invert_pose(T_world_camera) @ session.placement_poses["board"][k]))
     return session.rig.camera_models["camera"], images
 
@@ -531,7 +534,7 @@ def test_an_edge_along_the_rows_of_pixels_is_true_to_a_thousandth_of_a_pixel(sma
     T_camera_board = make_pose(np.diag([1.0, -1.0, -1.0]), [shift, 0, 2.0])
     T_world_camera = pose_from_rpy([-1, 0, 2.0], np.deg2rad([-90, 0, -90]))
     surfaces = place_surfaces({"board": T_world_camera @ T_camera_board})
-    image = render_image(view, scene, surfaces, T_world_camera)[..., 0]
+    image = render_image(view, PosedScene(scene, surfaces, T_world_camera))[..., 0]
     edge = camera.project(transform_points(T_camera_board, [0.04, 0.0, 0.0]))[0][0, 0]
     columns = slice(108, 124)  # from the middle of one square to that of the next
     left, right = image[105, columns][[0, -1]]

@@ -43,6 +43,7 @@ from simulation.session_recording import (
 )
 from simulation.simulated_rigs import SIMULATED_RIGS
 from simulation.world import room_scene
+from simulation.world.ray_casting import PosedScene
 from simulation.world.room_scene import (
     SIMULATED_TARGETS,
     build_scene,
@@ -76,14 +77,16 @@ def still():
     session = draw("--placements", "1")
     surfaces = place_surfaces({k: session.placement_poses[k][0] for k in session.T_body_target})
     T_world_lidar = session.placement_poses["robot"][0] @ session.rig.T_robot_sensor["velodyne"]
-    return SimpleNamespace(session=session, poses=(session.scene, surfaces, T_world_lidar))
+    return SimpleNamespace(
+        session=session, posed=PosedScene(session.scene, surfaces, T_world_lidar)
+    )
 
 
 @pytest.fixture(scope="module")
 def echoes(still):
     """What 16 beams meet within ±40° of azimuth; some see no wall."""
     firing = SCAN_PATTERNS["beams16"].make_firing(np.deg2rad(40), 0)
-    return scan_scene(*still.poses, firing, STAMP)
+    return scan_scene(still.posed, firing, STAMP)
 
 
 def test_an_ouster_cloud_holds_the_points_of_a_velodyne_one_and_zeros_elsewhere(echoes):
@@ -130,7 +133,7 @@ def test_a_rosette_covers_its_field_within_a_second_and_never_repeats():
 
 def test_a_livox_cloud_has_lines_and_absolute_times(still):
     firing = SCAN_PATTERNS["rosette"].make_firing(np.deg2rad(40), 3)
-    met = scan_scene(*still.poses, firing, STAMP)
+    met = scan_scene(still.posed, firing, STAMP)
     message = make_cloud_message(STAMP, "lidar", "livox", met)
     points = read_raw_cloud(message).fields
     assert message.point_step == 26 and set(points["line"]) == set(range(6))
@@ -141,7 +144,7 @@ def test_a_livox_cloud_has_lines_and_absolute_times(still):
 def test_every_beam_keeps_its_bias(still, echoes):
     firing = SCAN_PATTERNS["beams16"].make_firing(np.deg2rad(40), 0)
     bias = 0.01 * np.arange(16)
-    biased = scan_scene(*still.poses, firing, range_bias_m=bias)
+    biased = scan_scene(still.posed, firing, range_bias_m=bias)
     assert np.array_equal(biased.has_return, echoes.has_return)
     added = (biased.distance_m - echoes.distance_m)[echoes.has_return]
     assert added == pytest.approx(np.tile(bias, (401, 1))[echoes.has_return], abs=1e-12)
@@ -152,8 +155,9 @@ def test_every_beam_keeps_its_bias(still, echoes):
 def test_wide_beams_mix_returns_at_edges_only_and_make_the_board_wider(still, echoes):
     """A cone of 0.4°: what a beam meets farther than that from an outline is as with lines."""
     spread, firing = np.deg2rad(0.4), SCAN_PATTERNS["beams16"].make_firing(np.deg2rad(40), 0)
-    wide = scan_scene(*still.poses, firing, beam_divergence_rad=spread)
-    scene, surfaces, T_world_lidar = still.poses
+    wide = scan_scene(still.posed, firing, beam_divergence_rad=spread)
+    scene, surfaces = still.posed.scene, still.posed.T_world_surfaces
+    T_world_lidar = still.posed.T_world_sensor
     board = scene.surfaces[find_surface_index(scene, "board")]
     T = invert_pose(surfaces["board"]) @ T_world_lidar
     thin, wider = (transform_points(T, e.xyz) for e in (echoes, wide))
@@ -208,7 +212,10 @@ def test_a_camera_of_every_model_shows_corners_where_its_projection_says(name):
     )
     surfaces = place_surfaces({"board": T_world_camera @ T_camera_board})
     image = render_image(
-        compute_ray_grid(camera), build_scene(["board"]), surfaces, T_world_camera, 64, 8
+        compute_ray_grid(camera),
+        PosedScene(build_scene(["board"]), surfaces, T_world_camera),
+        64,
+        8,
     )
     p = visibility_points("board")[0].reshape(7, 8, 3)[1:-1, 1:-1].reshape(-1, 3)
     uv, ok = camera.project(transform_points(T_camera_board, p))
@@ -255,7 +262,10 @@ def test_a_cylinder_is_shaded_mildly_in_one_hue():
     T_world_camera = pose_from_rpy([-1.5, 0, 1.0], np.deg2rad([-90, 0, -90]))
     surfaces = place_surfaces({"cylinder": pose_from_rpy([0, 0, 1.0], np.deg2rad([0, 0, 80]))})
     image = render_image(
-        compute_ray_grid(camera), build_scene(["cylinder"]), surfaces, T_world_camera, 64, 8
+        compute_ray_grid(camera),
+        PosedScene(build_scene(["cylinder"]), surfaces, T_world_camera),
+        64,
+        8,
     )
     side = image[68:81, 60:140] / room_scene.GREEN
     assert np.ptp(side, axis=-1).max() < 1e-12

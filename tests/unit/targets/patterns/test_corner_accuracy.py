@@ -18,6 +18,7 @@ from calib.targets.patterns.opencv_grids import find_grid_fast
 from calib.targets.target_shapes import target_from_config
 from simulation.sensors.camera_exposure import BGR_TO_GREY, blur_image
 from simulation.sensors.image_renderer import compute_ray_grid, render_image
+from simulation.world.ray_casting import PosedScene
 from simulation.world.room_scene import SIMULATED_TARGETS, build_scene, place_surfaces
 
 NOISE = 1.8
@@ -51,7 +52,7 @@ def exact(name, distance, lean_deg):
     camera = CAMERAS[name]
     T = posed(camera, distance, lean_deg)
     surfaces = place_surfaces({"board": EYE @ T})
-    image = render_image(VIEWS[name], build_scene(["board"]), surfaces, EYE)
+    image = render_image(VIEWS[name], PosedScene(build_scene(["board"]), surfaces, EYE))
     uv, valid = camera.project(transform_points(T, PATTERN.corners()))
     assert valid.all() and camera.is_in_image(uv, 15).all()
     return image @ BGR_TO_GREY, uv
