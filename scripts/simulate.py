@@ -20,6 +20,7 @@ import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -165,13 +166,14 @@ def draw_sessions(
     layouts = layouts_for_targets(rig, args.targets)
     sessions = []
     for number, name in enumerate(rig.session_names):
-        is_bumped = (args.bump_m or args.bump_deg) and name == rig.session_names[-1]
-        session_rig = _bump_rig(args, built) if is_bumped else built
         sessions.append(
             _draw_session(
-                args, session_rig, number=number, name=name, layouts=layouts, target_mounts=mounts
+                args, built, number=number, name=name, layouts=layouts, target_mounts=mounts
             )
         )
+    if args.bump_m or args.bump_deg:
+        # After the placements are drawn: they stay the same.
+        sessions[-1] = replace(sessions[-1], rig=_bump_rig(args, built))
     return sessions, guesses
 
 

@@ -173,11 +173,12 @@ def make_point_array(driver_name: str, echoes: Echoes) -> np.ndarray:
     cloud_format, shape = CLOUD_FORMATS[driver_name], echoes.distance_m.shape
     field_values = {**FIELD_VALUES, **cloud_format.field_overrides}
     is_organized = cloud_format.is_organized
-    # Filled in its final order: a copy of a layout with gaps leaves the gaps to chance.
-    points = np.zeros(shape[::-1] if is_organized else shape, cloud_format.point_dtype)
+    # Zeros in its final order: a copy of a layout with gaps leaves the gaps to chance.
+    list_shape = (1, np.count_nonzero(echoes.has_return))
+    points = np.zeros(shape[::-1] if is_organized else list_shape, cloud_format.point_dtype)
     for name in cloud_format.point_dtype.names or ():
         values = np.broadcast_to(field_values[name](echoes), shape)
         if name in XYZ_FIELDS:
             values = np.where(echoes.has_return, values, cloud_format.no_return_value)
-        points[name] = values.T if is_organized else values
-    return points if is_organized else points[echoes.has_return][None]
+        points[name] = values.T if is_organized else values[echoes.has_return]
+    return points

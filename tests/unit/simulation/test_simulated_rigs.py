@@ -31,6 +31,7 @@ from simulation.sensors.camera_exposure import (
     blur_image,
     digitize_image,
 )
+from simulation.sensors.cloud_formats import make_point_array
 from simulation.sensors.image_renderer import compute_ray_grid, render_image
 from simulation.sensors.lidar_scanner import scan_scene
 from simulation.sensors.mocap_errors import MCS_PERIOD_NS, draw_dropouts
@@ -237,6 +238,30 @@ def test_camera_info_holds_the_parameters_of_the_camera(model, called, count):
     assert info.d.tolist() == list(camera.params[4:]) and len(info.d) == count
     assert info.k.reshape(3, 3)[[0, 1, 0, 1], [0, 1, 2, 2]].tolist() == list(camera.params[:4])
     assert (info.header.frame_id, info.header.stamp.nanosec) == ("left", 123_456_789)
+
+
+def test_arguments_for_all_lidars_and_cameras_reach_the_rig():
+    session = draw("--lidar", "ouster", "--sector-deg", "30", "--camera-hz", "2")
+    spec = session.rig.lidar_spec("velodyne")
+    assert (spec.cloud_format, spec.pattern_name, spec.sector_deg) == ("ouster", "beams32", 30)
+    assert session.rig.camera_spec("camera").rate_hz == 2
+
+
+def test_a_bump_moves_the_last_sensor_alone_and_not_the_placements():
+    still = draw("--placements", "2")
+    bumped = draw("--placements", "2", "--bump-m", "0.01", "--bump-deg", "1")
+    before, after = still.rig.T_robot_sensor, bumped.rig.T_robot_sensor
+    assert np.array_equal(before["velodyne"], after["velodyne"])
+    moved = invert_pose(before["camera"]) @ after["camera"]
+    assert np.linalg.norm(moved[:3, 3]) == pytest.approx(0.01)
+    for name, poses in still.placement_poses.items():
+        assert np.array_equal(poses, bumped.placement_poses[name])
+
+
+def test_gaps_in_the_layout_of_a_point_are_zero(still):
+    firing = SCAN_PATTERNS["beams16"].make_firing(np.deg2rad(100), 0)
+    points = make_point_array("nebula_legacy", scan_scene(still.posed, firing, STAMP))
+    assert not points.view("u1").reshape(-1, 48)[:, 33:40].any()
 
 
 def test_a_model_that_ros_has_no_name_for_comes_without_camera_info():
