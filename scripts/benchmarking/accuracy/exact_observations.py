@@ -35,7 +35,7 @@ def observe_with_lidar(
     placement_index: int,
 ) -> Iterator[dict[str, ndarray]]:
     """Sights by a lidar of a target_name (its name and shape) at rest placement_index: returns, crossings."""
-    spec, model = session.rig.sensor_specs[sensor_name], sensor_model_from_config(sensor_block)
+    spec, model = session.rig.lidar_spec(sensor_name), sensor_model_from_config(sensor_block)
     T_world_lidar = (
         session.placement_poses["robot"][placement_index] @ session.rig.T_robot_sensor[sensor_name]
     )

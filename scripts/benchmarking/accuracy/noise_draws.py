@@ -151,7 +151,7 @@ def _redraw_image(
 ) -> Callable[[int], dict[str, Any]]:
     """Function of a row of views: its columns in an image with noise."""
     views, whole = session.view_columns, session.exact_data[placement]
-    encoding = session.truth.rig.sensor_specs[session.sensor].encoding
+    encoding = session.truth.rig.camera_spec(session.sensor).encoding
     noise = session.truth.arguments.image_noise
 
     def fresh(row: int) -> dict[str, Any]:

@@ -139,7 +139,7 @@ def compute_window_firing(session: SimulatedSession, placement: int) -> tuple[Fi
     (config_of,) = options["targets"].values()
     T_sensor_robot = invert_pose(np.array(session.guess_json["T_robot_sensor"]["matrix"]))
     T = T_sensor_robot @ T_robot_body @ pose_from_config(config_of["T_body_target"])
-    spec = session.truth.rig.sensor_specs[session.sensor]
+    spec = session.truth.rig.lidar_spec(session.sensor)
     firing = spec.scan_pattern.make_firing(np.deg2rad(spec.sector_deg), 0)
     margin = options["crop"]["margin_sigma"] * np.array(session.guess_json["sigma"])
     flat = firing.beam_directions.reshape(-1, 3)
