@@ -6,7 +6,6 @@ stated_pose             poses that the rig config, an earlier calibration or /tf
 previous_calibration    reads the file of `guess_from`
 session_search          searches in the log: time offset, poses, mounts
 clock_lag               time offset: what a sensor sees changes while something moves
-frame_sampling          frames that a search reads
 pose_voting             the pose that most placements agree on
 camera_from_patterns    camera pose from printed patterns (bearing_pnp)
 camera_from_blobs       camera pose from coloured bodies

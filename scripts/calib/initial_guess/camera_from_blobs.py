@@ -16,12 +16,12 @@ from scipy.optimize import least_squares
 
 from calib.geometry.se3 import invert_pose, se3_exp, transform_points
 from calib.initial_guess.bearing_pnp import solve_p3p
-from calib.initial_guess.frame_sampling import FrameSample, read_samples
 from calib.initial_guess.initial_guess import PoseGuess
 from calib.initial_guess.pose_voting import SearchCounts, min_pose_sigma, no_consensus_status
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.cylinder_silhouette import MIN_BLOB_AREA_PX2, find_color_contour
 from calib.targets.color import Color
+from calib.views.frame_sampling import FrameSample, read_samples
 from calib.views.sensor_reader import FrameReader
 
 MIN_BLOB_PLACEMENTS = 4  # three give poses, the fourth decides between them

@@ -14,7 +14,6 @@ import numpy as np
 from calib.geometry.se3 import invert_pose, mean_pose, transform_points
 from calib.initial_guess.bearing_pnp import solve_planar_pnp
 from calib.initial_guess.camera_from_blobs import find_camera_from_blobs
-from calib.initial_guess.frame_sampling import FrameSample, read_samples
 from calib.initial_guess.initial_guess import PoseGuess
 from calib.initial_guess.pose_voting import (
     PoseTolerance,
@@ -28,6 +27,7 @@ from calib.initial_guess.pose_voting import (
 )
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.images.image_messages import to_grey
+from calib.views.frame_sampling import FrameSample, read_samples
 from calib.views.sensor_reader import FrameReader
 
 # A reading is left out if it reprojects worse than this many times the best one of its image, or

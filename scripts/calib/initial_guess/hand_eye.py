@@ -16,11 +16,11 @@ from scipy.optimize import least_squares
 
 from calib.geometry.se3 import invert_pose, make_pose, mean_pose, se3_exp, se3_log, so3_log
 from calib.initial_guess.camera_from_patterns import read_pattern_poses
-from calib.initial_guess.frame_sampling import FrameSample, read_samples
 from calib.initial_guess.initial_guess import PoseGuess
 from calib.initial_guess.pose_voting import PoseTolerance, vote_for_pose
 from calib.io.status import Status, failure_status
 from calib.sensors.camera.camera_model import CameraModel
+from calib.views.frame_sampling import FrameSample, read_samples
 from calib.views.sensor_reader import FrameReader
 
 MIN_MOUNT_PLACEMENTS = 3  # two relative motions
@@ -135,13 +135,10 @@ def fit_mount(
     def residual(x: np.ndarray) -> np.ndarray:
         T_camera, mount = T_robot_camera @ se3_exp(x[:6]), T_start @ se3_exp(x[6:])
         deviation = se3_log(invert_pose(T_camera @ T_camera_target) @ T_robot_body @ mount)
-        image_residual = (deviation / INITIAL_IMAGE_POSE_SIGMA).reshape(-1)
-        prior_residual = []
-        if camera_prior is not None:
-            prior_residual = (
-                se3_log(invert_pose(camera_prior.value) @ T_camera) / camera_prior.sigma
-            )
-        return np.concatenate([image_residual, prior_residual])
+        parts = [(deviation / INITIAL_IMAGE_POSE_SIGMA).reshape(-1)]
+        if camera_prior is not None and camera_prior.value is not None:
+            parts.append(se3_log(invert_pose(camera_prior.value) @ T_camera) / camera_prior.sigma)
+        return np.concatenate(parts)
 
     fit = least_squares(residual, np.zeros(12), loss="soft_l1", x_scale="jac")
     scale = np.sqrt(max(2 * fit.cost / max(len(fit.fun) - 12, 1), 1e-6))

@@ -16,7 +16,6 @@ from calib.initial_guess.candidate_matches import (
     fit_match_pose,
     make_match,
 )
-from calib.initial_guess.frame_sampling import FrameSample, read_samples
 from calib.initial_guess.initial_guess import PoseGuess
 from calib.initial_guess.lidar_candidates import ShapeSignature, find_candidates, thin_scan
 from calib.initial_guess.pose_voting import (
@@ -29,6 +28,7 @@ from calib.initial_guess.pose_voting import (
     undetermined_pose_status,
 )
 from calib.sensors.lidar.lidar_model import LidarModel
+from calib.views.frame_sampling import FrameSample, read_samples
 from calib.views.sensor_reader import FrameReader
 
 CANDIDATE_DESCRIPTION = "a thing like the target"

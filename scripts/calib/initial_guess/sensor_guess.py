@@ -144,7 +144,7 @@ def guess_json(
     guess: SensorGuess,
     time_offset: OffsetGuess,
     sensor_audit: Mapping[str, Any],
-    default_sigma: Mapping[str, float],
+    default_sigma: dict[str, float],
 ) -> dict[str, Any]:
     """Return the content of guess.json. default_sigma: block guess.sigma, if there is no pose."""
     pose = guess.pose

@@ -9,7 +9,6 @@ import numpy as np
 
 from calib.initial_guess.camera_from_patterns import find_camera_pose
 from calib.initial_guess.clock_lag import find_clock_lag
-from calib.initial_guess.frame_sampling import FrameSample, choose_frame_samples
 from calib.initial_guess.hand_eye import find_mount
 from calib.initial_guess.initial_guess import SOURCE_DATA, OffsetGuess, PoseGuess
 from calib.initial_guess.lidar_matching import find_lidar_pose
@@ -18,6 +17,7 @@ from calib.io.status import Status, failure_status
 from calib.mocap.body_trajectory import trajectory_from_columns
 from calib.sensors.sensor_models import sensor_model_from_config
 from calib.targets.target_shapes import target_from_config
+from calib.views.frame_sampling import FrameSample, choose_frame_samples
 from calib.views.sensor_reader import FrameReader, make_frame_reader
 from calib.views.target_placements import (
     Columns,

@@ -39,8 +39,8 @@ def read_stated_pose(
     if "T_robot_sensor" in sensor:
         return PoseGuess(pose_from_config(sensor["T_robot_sensor"]), sigma, source="config")
     if "T_robot_sensor" in previous:
-        T = pose_from_config(previous["T_robot_sensor"])
-        return PoseGuess(T, sigma, source=previous["source"])
+        previous_pose = pose_from_config(previous["T_robot_sensor"])
+        return PoseGuess(previous_pose, sigma, source=previous["source"])
     if previous.get("static"):
         T = pose_from_static_transforms(previous["static"], options["body"], frame.lstrip("/"))
         if T is not None:

@@ -6,6 +6,7 @@ pose_selection          the most different poses
 placement_selection     placements of a target that a sensor uses
 frame_selection         frames of a still target that are read
 moving_view_selection   frames of a moving target that are read
+frame_sampling          one frame per placement, for the searches of guess
 windows                 part of a scan or image around a target
 sensor_reader           croppers by kind of sensor, reading of frames
 view_cutter             rows of views.parquet and moving_views.parquet

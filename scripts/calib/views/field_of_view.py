@@ -110,7 +110,7 @@ def check_camera_visibility(
     incidence = _check_incidence(target, T_sensor_target, margin, options)
     if incidence.reason:
         return incidence.reason
-    turn = angular_margin(margin, np.linalg.norm(points.mean(0)))
+    turn = float(angular_margin(margin, float(np.linalg.norm(points.mean(0)))))
     uv, is_valid, is_inside = _project_with_margin(camera, points, turn)
     if is_inside.mean() < (target.pattern.min_visible_share if target.pattern else 1.0):
         return "outside the image" if is_valid.all() else "outside what the lens sees"

@@ -18,7 +18,7 @@ def pixel_margin(camera: CameraModel, p_camera: np.ndarray, margin: np.ndarray) 
     margin: (6,) m and rad. Near the rim of the lens only pixels that exist count; if there are
     none, the result is the whole image.
     """
-    distance = np.linalg.norm(p_camera)
+    distance = float(np.linalg.norm(p_camera))
     shift = angular_margin(margin, distance) * distance
     uv, is_valid = camera.project(p_camera + shift * MARGIN_DIRECTIONS)
     if not (is_valid[0] and is_valid[1:].any()):
