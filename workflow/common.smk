@@ -119,7 +119,7 @@ def preflight_options(wildcards):
         max_gap_s=rig_max_gap_s(wildcards),
         sensors={s: rig["sensors"][s] for s in list_rig_sensors(wildcards.rig)},
         targets={t: TARGETS[t] for t in list_rig_targets(wildcards.rig)},
-        given=PREVIOUS_POSES.get(wildcards.rig, {}),
+        previous_poses=PREVIOUS_POSES.get(wildcards.rig, {}),
         sessions={name: {k: session[k] for k in keys} for name, session in used.items()},
         time_offset=estimates_clocks(wildcards),
         target_alignment=CONFIG["solve"]["estimate"]["target_alignment"] is not False,
@@ -176,8 +176,8 @@ def guess_options(wildcards):
             sensors = {s: RIGS[wildcards.rig]["sensors"][s] for s in session["sensors"]}
             more["cameras"] = {s: c for s, c in sensors.items() if c["kind"] == "camera"}
         asked = {wildcards.sensor, *more["cameras"]}
-        given = {s: g for s, g in PREVIOUS_POSES.get(wildcards.rig, {}).items() if s in asked}
-        more |= {"given": given} if given else {}
+        previous = {s: g for s, g in PREVIOUS_POSES.get(wildcards.rig, {}).items() if s in asked}
+        more |= {"previous_poses": previous} if previous else {}
     return sensor_options("guess", wildcards, body=RIGS[wildcards.rig]["body"], **more)
 
 

@@ -35,7 +35,7 @@ def read_stated_pose(
     """
     frame = audit["sensors"][sensor_name]["frame"]
     sigma = pose_sigma_from_config(sensor.get("guess_sigma", options["guess"]["sigma"]))
-    previous = options.get("given", {}).get(sensor_name, {})
+    previous = options.get("previous_poses", {}).get(sensor_name, {})
     if "T_robot_sensor" in sensor:
         return PoseGuess(pose_from_config(sensor["T_robot_sensor"]), sigma, source="config")
     if "T_robot_sensor" in previous:

@@ -396,7 +396,7 @@ def test_an_earlier_calibration_gives_its_poses_by_sensor(tmp_path):
     found = read_previous_calibration(str(old), RIG)
     assert set(found) == {"velodyne"} and found["velodyne"]["source"] == "old.json"
     same(np.array(found["velodyne"]["T_robot_sensor"]["matrix"]), T_BASE_LIDAR)
-    options = {"name": "velodyne", "sensor": {}, "given": found, "body": "mocap/robot"}
+    options = {"name": "velodyne", "sensor": {}, "previous_poses": found, "body": "mocap/robot"}
     options["guess"] = {"sigma": {"xyz_m": 0.05, "rpy_deg": 5}}
     audit = {"sensors": {"velodyne": {"frame": "velodyne"}}, "static": []}
     guessed = read_stated_pose("velodyne", {}, options, audit)
@@ -410,15 +410,20 @@ def test_the_rig_s_own_pose_goes_before_the_file_and_the_file_before_the_log():
         pose_json(T_BASE_CAMERA),
     )
     own = {"T_robot_sensor": {"matrix": T_BASE_LIDAR.tolist()}}
-    options = {"given": {"s": {"source": "old.json", "T_robot_sensor": given}}, "body": "b"}
+    options = {
+        "previous_poses": {"s": {"source": "old.json", "T_robot_sensor": given}},
+        "body": "b",
+    }
     options["guess"] = {"sigma": {"xyz_m": 0.05, "rpy_deg": 5}}
     static = [{"parent": "b", "child": "f", "T": {"xyz_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 1]}}]
     audit = {"sensors": {"s": {"frame": "f"}}, "static": static}
     assert read_stated_pose("s", own, options, audit).source == "config"
     assert read_stated_pose("s", {}, options, audit).source == "old.json"
-    assert read_stated_pose("s", {}, options | {"given": {}}, audit).source == "tf_static"
+    assert read_stated_pose("s", {}, options | {"previous_poses": {}}, audit).source == "tf_static"
     lost = {"s": {"source": "robot.urdf", "static": [static[0] | {"child": "elsewhere"}]}}
-    assert read_stated_pose("s", {}, options | {"given": lost}, audit).source == "tf_static"
+    assert (
+        read_stated_pose("s", {}, options | {"previous_poses": lost}, audit).source == "tf_static"
+    )
 
 
 @pytest.mark.parametrize(
