@@ -1,6 +1,7 @@
 """Estimate the parameters of a camera, with priors, where its views constrain them."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -20,6 +21,14 @@ PRIOR_SIGMA_BY_PARAMETER = {"xi": 0.2, "alpha": 0.1, "p1": 0.01, "p2": 0.01}
 DEFAULT_PRIOR_SIGMA = 0.3
 STEP_IN_PRIOR_SIGMA = 1e-4  # finite difference
 MAX_INTRINSICS_SIGMA_RATIO = 0.5  # σ of fx, fy, cx, cy over the prior's: refused above this
+
+
+class IntrinsicsEstimate(NamedTuple):
+    """Parameters (q,) of a camera, their σ, and the σ over those of the prior."""
+
+    params: np.ndarray
+    sigma: np.ndarray
+    sigma_ratio: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -74,13 +83,14 @@ def shift_camera_parameters(camera: CameraModel, values: np.ndarray) -> CameraMo
 
 def get_intrinsics_estimate(
     setup: Setup, result: EstimationResult, sensor: str
-) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Return the parameters (q,) of a camera, their σ, and the σ over the prior's, or None."""
+) -> IntrinsicsEstimate | None:
+    """Return the estimated parameters of a camera, or None if they are not estimated."""
     estimate = find_correction_estimate(setup, result, INTRINSICS, sensor)
     if estimate is None:
         return None
-    params = np.array(setup.models[sensor].params)[: len(estimate.values)] + estimate.values
-    return params, estimate.sigma, estimate.sigma_ratio
+    camera = cast(CameraModel, setup.models[sensor])
+    params = np.array(camera.params)[: len(estimate.values)] + estimate.values
+    return IntrinsicsEstimate(params, estimate.sigma, estimate.sigma_ratio)
 
 
 def find_unobservable_intrinsics(setup: Setup, result: EstimationResult) -> dict[str, str]:
@@ -90,7 +100,8 @@ def find_unobservable_intrinsics(setup: Setup, result: EstimationResult) -> dict
         if estimate.correction.name != INTRINSICS:
             continue
         sensor = estimate.correction.subject
-        names = intrinsics_parameter_names(setup.models[sensor], len(estimate.values))
+        camera = cast(CameraModel, setup.models[sensor])
+        names = intrinsics_parameter_names(camera, len(estimate.values))
         loose = [
             n
             for n, ratio in zip(names, estimate.sigma_ratio, strict=True)

@@ -7,7 +7,11 @@ import numpy as np
 from scipy import stats
 
 from calib.estimation.corrections.base import ClockCorrection
-from calib.estimation.corrections.clock_offset import TIME_OFFSET, time_offset_derivative
+from calib.estimation.corrections.clock_offset import (
+    TIME_OFFSET,
+    moving_view_of,
+    time_offset_derivative,
+)
 from calib.estimation.corrections.group_linearization import GroupLinearization
 from calib.estimation.estimation_problem import Placement, Setup
 from calib.estimation.estimation_result import EstimationResult
@@ -72,7 +76,7 @@ def make_clock_drift_correction(
 def _drift_weights(place: Placement, mid_times: tuple[SessionMidTime, ...]) -> np.ndarray:
     """Return the factors (2 s - 1,) of the values in the time offset of one moving view."""
     own = np.array([session == place.session for session, _ in mid_times], float)
-    stamp_ns = place.moving_view.stamp_ns
+    stamp_ns = moving_view_of(place).stamp_ns
     since = np.array([(stamp_ns - middle) / NS_PER_S for _, middle in mid_times])
     return np.concatenate([own * since, own[1:]])
 
@@ -121,7 +125,7 @@ def _session_mid_times(placements: list[Placement]) -> tuple[SessionMidTime, ...
     """Return the middle of the views of every session, sorted by session."""
     stamps: dict[str, list[int]] = {}
     for p in placements:
-        stamps.setdefault(p.session, []).append(p.moving_view.stamp_ns)
+        stamps.setdefault(p.session, []).append(moving_view_of(p).stamp_ns)
     return tuple(SessionMidTime(s, (min(t) + max(t)) // 2) for s, t in sorted(stamps.items()))
 
 
@@ -157,7 +161,7 @@ def clock_drift_json(
     covariance = result.solve_result.covariance[setup.n_chain_unknowns :, setup.n_chain_unknowns :]
     sigma, values = setup.correction_sigma[own], result.state.correction_values[own]
     covariance = covariance[np.ix_(own, own)] * np.outer(sigma, sigma)
-    moving = [p for p in setup.placements[setup.n_still :] if p.moving_view.sensor == sensor]
+    moving = [p for p in setup.placements[setup.n_still :] if moving_view_of(p).sensor == sensor]
     mid_times, out = _session_mid_times(moving), {}
     for i, (session, _) in enumerate(mid_times):
         drift, offset = np.zeros(len(own)), np.zeros(len(own))

@@ -24,6 +24,7 @@ from calib.estimation.estimation_problem import MeasurementGroup, Placement, Set
 from calib.estimation.estimation_result import EstimationResult
 from calib.geometry.se3 import adjoint, invert_pose, se3_exp, se3_log
 from calib.geometry.units import MS_PER_S
+from calib.mocap.moving_pose_fit import MovingView
 
 TIME_OFFSET = "time_offset"  # name of the correction
 FINITE_STEP_S = 1e-6
@@ -76,6 +77,13 @@ class StreamLagCorrection(EstimableCorrection):
         )
 
 
+def moving_view_of(placement: Placement) -> MovingView:
+    """Return the moving view of a placement; raises ValueError for a target at rest."""
+    if placement.moving_view is None:
+        raise ValueError(f"placement of {placement.target}: the target is at rest")
+    return placement.moving_view
+
+
 def make_stream_lag_correction(target: str) -> StreamLagCorrection:
     """Return the correction of the lag of a target's poses."""
     return StreamLagCorrection(target, np.array([STREAM_LAG_PRIOR_S]))
@@ -94,14 +102,15 @@ def stream_lag_derivative(linearization: GroupLinearization) -> np.ndarray:
     place = setup.placements[linearization.group.placement]
     offset, lag = clock_delays(setup, values, place)
     before, after = (
-        place.moving_view.motion_at(offset, lag + s).T_robot_body for s in (-LAG_STEP_S, LAG_STEP_S)
+        moving_view_of(place).motion_at(offset, lag + s).T_robot_body
+        for s in (-LAG_STEP_S, LAG_STEP_S)
     )
     velocity = se3_log(invert_pose(before) @ after) / (2 * LAG_STEP_S)
     return _velocity_derivative(linearization, velocity)
 
 
 def _velocity_derivative(linearization: GroupLinearization, velocity: np.ndarray) -> np.ndarray:
-    """Return the derivatives (1, k, n) by time, if the body moves with a right twist (6,) per s."""
+    """Return the derivatives (1, k, n) by time, if the body moves with a right twist (6,)."""
     setup, state = linearization.setup, linearization.state
     T_body_target = pose_chain.T_body_target(setup, state, linearization.group.placement)
     step = FINITE_STEP_S * (adjoint(invert_pose(T_body_target)) @ velocity)

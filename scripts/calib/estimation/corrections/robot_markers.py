@@ -41,6 +41,8 @@ class RobotMarkersCorrection(EstimableCorrection):
     def derivative(self, linearization: GroupLinearization) -> np.ndarray:
         setup, state = linearization.setup, linearization.state
         theta = get_correction_values(setup, state, ROBOT_MARKERS, self.subject)
+        if theta is None:
+            raise ValueError(f"the markers of session {self.subject} are not estimated")
         T = state.T_robot_sensor[linearization.group.sensor]
         T_markers_sensor = invert_pose(se3_exp(theta)) @ T
         moved = invert_pose(T) @ se3_exp(theta + TWIST_STEP * np.eye(6)) @ T_markers_sensor

@@ -186,8 +186,9 @@ class MountCorrection(TargetCorrection):
 def make_square_corrections(setup: Setup) -> Iterator[TargetCorrection]:
     """Yield the correction of the pattern of every board that has one."""
     for name, board in _targets_of_shape(setup, Board):
-        if board.pattern is not None:
-            yield SquareSizeCorrection(name, board.pattern.square_m)
+        pattern: Any = board.pattern
+        if pattern is not None:
+            yield SquareSizeCorrection(name, pattern.square_m)
 
 
 def make_outline_corrections(setup: Setup) -> Iterator[TargetCorrection]:

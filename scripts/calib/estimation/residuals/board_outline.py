@@ -59,11 +59,8 @@ def assign(
     outwards = -np.sign(normal @ transform_points(T_sensor_target, target.centre[None])[0])
     dilation = outwards * model.outline_dilation(ranges)
     across = np.abs(np.sum(normal * np.cross([0.0, 0.0, 1.0], ray), 1))
-    admitted = (
-        _is_off_vertices(ends, fraction)
-        & (across > MIN_SCAN_ANGLE_SINE)
-        & (cosine > options["min_cosine"])
-    )
+    off_vertices, min_cosine = _is_off_vertices(ends, fraction), options["min_cosine"]
+    admitted = off_vertices & (across > MIN_SCAN_ANGLE_SINE) & (cosine > min_cosine)
     return Assignment(
         candidate_feature=index,
         geometric_weight=admitted.astype(float),

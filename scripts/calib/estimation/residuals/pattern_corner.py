@@ -43,10 +43,11 @@ def assign(
     The mean offset of a view is ignored, because a wrong guess shifts the whole pattern first. A
     view whose best two labellings fit nearly alike is left out. features: corners of the pattern.
     """
-    corners = target.pattern.corners()
+    pattern: Any = target.pattern
+    corners = pattern.corners()
     uv, valid = model.project(transform_points(T_sensor_target, corners))
     n = len(keypoints["view"])
-    corner = _choose_corners(target.pattern, uv, keypoints) if features is None else features
+    corner = _choose_corners(pattern, uv, keypoints) if features is None else features
     q, whitening = corners[corner], keypoints["whitening"]
     cosine = target.check_facing(invert_pose(T_sensor_target)[:3, 3])[1]
     return Assignment(
