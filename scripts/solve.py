@@ -122,11 +122,8 @@ def estimate_rig(
     guesses = (item for session in sessions for item in session.guesses.items())
     options["sensors"] = with_lens_from_log(options["sensors"], guesses)
     setup, T_robot_sensor = build_setup(sessions, mounts, options)
-    poses = {
-        s.session: {n: {"T_robot_sensor": s.T_robot_sensor.get(n)} for n in s.guesses}
-        for s in sessions
-    }
-    markers = make_markers_corrections(poses, options["remounted"])
+    working_poses = {s.session: s.T_robot_sensor for s in sessions}
+    markers = make_markers_corrections(working_poses, options["remounted"])
     setup = replace(setup, corrections=tuple(markers))
     limits = iteration_limits(setup, options["solve"])
     setup, result, suspected = estimate_with_corrections(

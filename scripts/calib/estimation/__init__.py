@@ -1,4 +1,13 @@
-"""Stages associate and solve: the problem (estimation_problem, problem_assembly,
-measurement_groups), the estimate and its pose chain, noise, and the solver's loop; nlp/ holds the
-CasADi problem, residuals/ the kinds of measurement, corrections/ what may be estimated beside the
-poses."""
+"""Stages associate and solve: from keypoints to poses of all sensors.
+
+problem_assembly       the one place that builds the problem (estimation_problem.Setup) of keypoints
+measurement_groups     placements at rest and groups of keypoints, from their tables
+moving_view_poses      the same for targets in motion
+solver                 the loop: solve, assign, estimate the noise, until nothing changes
+round_solution         one round: linearize, solve the joint problem (nlp/), step
+measurement_assignment which measurement belongs to which feature (residuals/)
+noise_update           the noise after a round; noise_model has the statistics
+estimate_state         the current estimate; pose_chain gives poses from it
+estimation_result      what comes out
+corrections/           what can be estimated beside the poses
+"""

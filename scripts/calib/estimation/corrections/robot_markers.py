@@ -60,7 +60,7 @@ class RobotMarkersCorrection(EstimableCorrection):
 
 
 def make_markers_corrections(
-    notes_by_session: Mapping[str, Mapping[str, Mapping[str, Any]]],
+    poses_by_session: Mapping[str, Mapping[str, np.ndarray]],
     remounted_sessions: Collection[str],
 ) -> list[RobotMarkersCorrection]:
     """Return a correction for every session whose markers were re-attached.
@@ -68,30 +68,29 @@ def make_markers_corrections(
     If they were in all sessions, the first session defines the robot frame. Initial values come
     from the first sensor with a pose both in the session and in one that is not re-attached.
 
-    notes_by_session: session -> sensor -> {T_robot_sensor: working pose of extract, or None}.
+    poses_by_session: session -> sensor -> T_robot_sensor (4, 4), the working pose of extract.
     """
-    fixed = [s for s in notes_by_session if s not in remounted_sessions]
-    fixed = fixed or list(notes_by_session)[:1]
+    fixed = [s for s in poses_by_session if s not in remounted_sessions]
+    fixed = fixed or list(poses_by_session)[:1]
     return [
         RobotMarkersCorrection(
-            session, MARKERS_PRIOR_SIGMA, _initial_markers_pose(notes_by_session, session, fixed)
+            session, MARKERS_PRIOR_SIGMA, _initial_markers_pose(poses_by_session, session, fixed)
         )
-        for session in notes_by_session
+        for session in poses_by_session
         if session not in fixed
     ]
 
 
 def _initial_markers_pose(
-    notes_by_session: Mapping[str, Mapping[str, Mapping[str, Any]]],
+    poses_by_session: Mapping[str, Mapping[str, np.ndarray]],
     session: str,
     fixed_sessions: list[str],
 ) -> np.ndarray:
     """Return T_robot_markers (4, 4) from a sensor with a pose in both, or the identity."""
-    for name, note in sorted(notes_by_session[session].items()):
+    for name, T_robot_sensor in sorted(poses_by_session[session].items()):
         for fixed in fixed_sessions:
-            reference = notes_by_session[fixed].get(name, {}).get("T_robot_sensor")
-            if reference is not None and note["T_robot_sensor"] is not None:
-                return np.array(reference) @ invert_pose(np.array(note["T_robot_sensor"]))
+            if name in poses_by_session[fixed]:
+                return poses_by_session[fixed][name] @ invert_pose(T_robot_sensor)
     return np.eye(4)
 
 

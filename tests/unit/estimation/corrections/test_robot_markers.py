@@ -31,10 +31,8 @@ def remounted(seeds=(0, 1), told=True):
         replace(p, T_robot_body=back @ p.T_robot_body) if p.session == "morning" else p
         for p in made.placements
     ]
-    poses = {n: {"T_robot_sensor": T.tolist()} for n, T in synthetic_setup.TRUE_POSES.items()}
-    there = {
-        n: {"T_robot_sensor": (back @ T).tolist()} for n, T in synthetic_setup.TRUE_POSES.items()
-    }
+    poses = synthetic_setup.TRUE_POSES
+    there = {n: back @ T for n, T in poses.items()}
     anew = make_markers_corrections({"evening": poses, "morning": there}, ["morning"])
     return replace(made, placements=places, corrections=tuple(anew) if told else ())
 
@@ -99,10 +97,9 @@ def test_slopes_by_the_markers_are_those_of_the_residuals():
 
 
 def test_if_all_sessions_were_mounted_anew_the_first_defines_the_robot_frame():
-    none = {"camera": {"T_robot_sensor": None}}
-    found = make_markers_corrections({"a": none, "b": none, "c": none}, ["a", "b", "c"])
+    found = make_markers_corrections({"a": {}, "b": {}, "c": {}}, ["a", "b", "c"])
     assert [h.subject for h in found] == ["b", "c"]
-    assert make_markers_corrections({"a": none, "b": none}, []) == []
+    assert make_markers_corrections({"a": {}, "b": {}}, []) == []
     np.testing.assert_array_equal(found[0].initial_values, np.zeros(6))
 
 
