@@ -18,7 +18,12 @@ from calib.io.stage_cli import StageArgumentParser, logger, read_json, run_stage
 from calib.io.status import OK, Status, failure_status
 from calib.io.table_schemas import MOCAP_SCHEMA, PLACEMENTS_SCHEMA
 from calib.mocap.body_trajectory import relative_trajectory, trajectory_from_columns
-from calib.mocap.stillness import count_effective_samples, find_still_intervals, fit_residual_drift
+from calib.mocap.stillness import (
+    StillnessLimits,
+    count_effective_samples,
+    find_still_intervals,
+    fit_residual_drift,
+)
 
 
 def average_still_pose(trajectory, interval_ns, pose_sigma):
@@ -74,14 +79,14 @@ def find_moving_intervals(still_intervals, t):
 
 def find_target_placements(target, trajectory, options, pose_sigma):
     """Rows of one target, in order of time."""
-    still = find_still_intervals(
-        trajectory,
-        options["window_s"],
-        options["max_linear_mps"],
-        np.radians(options["max_angular_dps"]),
-        options["trim_s"],
-        options["min_duration_s"],
+    limits = StillnessLimits(
+        window_s=options["window_s"],
+        max_linear_mps=options["max_linear_mps"],
+        max_angular_radps=np.radians(options["max_angular_dps"]),
+        trim_s=options["trim_s"],
+        min_duration_s=options["min_duration_s"],
     )
+    still = find_still_intervals(trajectory, limits)
     rows = [("still", s, average_still_pose(trajectory, s, pose_sigma)) for s in still]
     rows += [
         ("moving", s, middle_moving_pose(trajectory, s))

@@ -172,8 +172,16 @@ def options(sensor):
             "stereo_msgs/msg/DisparityImage",
             "Name the topic of an image, not of dispariti",
         ),
-        ("camera", "std_msgs/msg/String", "Name the camera's topic, or record it in that type."),
-        ("lidar", "sensor_msgs/msg/Image", "Name the lidar's topic, or record it in that type."),
+        (
+            "camera",
+            "std_msgs/msg/String",
+            "Set `topic` to a topic of the camera, or record it in one of these types.",
+        ),
+        (
+            "lidar",
+            "sensor_msgs/msg/Image",
+            "Set `topic` to a topic of the lidar, or record it in one of these types.",
+        ),
     ],
 )
 def test_a_type_that_is_not_read_is_refused_with_what_to_do(kind, message_type, words):
@@ -200,7 +208,7 @@ def test_a_sensor_whose_every_message_is_damaged_fails_in_words():
     found = audit_sensor("it", recording, topics, columns, {})["status"]
     assert found["reason"] == "clouds that cannot be read"
     assert found["found"] == "a cloud without x, y, z: its fields are "
-    assert found["expected"] == "1 of the first 3 or more"
+    assert found["expected"] == "1 or more readable among the first 3"
 
 
 # --- one lens in all sessions

@@ -1,2 +1,8 @@
-"""Stage decode: one pass through a log (decoded_log), what each sensor publishes (sensor_probe,
-sensor_audit), which clock counts (stream_clocks) and the poses of every body (body_tracks)."""
+"""Stage decode: one pass through a log.
+
+decoded_log    reads the poses of motion capture and one row per sensor message
+sensor_probe   what the first messages of a sensor show of its driver
+sensor_audit   block of a sensor in log.json
+stream_clocks  whether header stamps or log times are used
+body_tracks    poses of every body in the map, and its block in log.json
+"""

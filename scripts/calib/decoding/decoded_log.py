@@ -1,14 +1,18 @@
-"""What a log holds, read in one pass: poses of motion capture and one row per sensor message."""
+"""One pass through a log: poses of motion capture, and one row per sensor message."""
 
 from collections import Counter
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from calib.decoding.sensor_probe import PROBE_BY_KIND
-from calib.decoding.stream_clocks import match_streams_to_log
+from calib.decoding.stream_clocks import StreamClock, StreamTimes, match_streams_to_log
+from calib.geometry.frame_graph import Edge
 from calib.geometry.units import NS_PER_S
+from calib.io.logs.log_message import LogMessage
 from calib.io.logs.message_headers import header_stamp_ns, read_message_header
-from calib.io.parquet_tables import empty_columns
+from calib.io.logs.open_log import RecordedLog
+from calib.io.parquet_tables import Columns, empty_columns
 from calib.io.status import InputError, guard_message_fields
 from calib.io.table_schemas import FRAMES_SCHEMA
 from calib.mocap.messages.pose_messages import POSE_READERS, read_poses
@@ -18,21 +22,48 @@ from calib.sensors.camera import camera_info
 TF_STATIC_TOPIC = "/tf_static"
 
 
-class DecodedLog:
-    """Streams of motion capture, rows of sensor messages, static transforms and frame ids, as they
-    come; and of the messages that cannot be read, by topic, how many and the first's fault."""
+class FrameRow(NamedTuple):
+    """Row of frames.parquet: a sensor message and its place in the log; stamp_ns -1 if missing."""
 
-    def __init__(self, options):
+    sensor: str
+    stamp_ns: int
+    log_time_ns: int
+    size: int
+    file_index: int
+    index_at_log_time: int
+
+    @property
+    def place(self) -> tuple[str, int, int, int]:
+        """Return the place in frames.parquet: by sensor, file and log time."""
+        return self.sensor, self.file_index, self.log_time_ns, self.index_at_log_time
+
+
+class DecodedLog:
+    """Content of a log, filled message by message.
+
+    streams: poses of motion capture; frame_rows: one row per sensor message; probes: {sensor: what
+    its first messages show}; static_transforms: {(parent, child): pose block}; frame_ids: {sensor:
+    frame of its messages}; n_unreadable, first_errors: {topic: number of unreadable messages} and
+    {topic: why the first is unreadable}.
+    """
+
+    def __init__(self, options: dict[str, Any]) -> None:
         self.sensors = options["sensors"]
-        names = mocap_topics(options["mocap"])
-        self.streams = MocapStreams(options["mocap"]["map"], options["bodies"], names)
+        self.streams = MocapStreams(
+            map_frame=options["mocap"]["map"],
+            bodies=options["bodies"],
+            body_by_topic=mocap_topics(options["mocap"]),
+        )
         self._sensor_by_topic = {s["topic"]: name for name, s in sorted(self.sensors.items())}
         self.probes = {name: PROBE_BY_KIND[s["kind"]](s) for name, s in self.sensors.items()}
-        self.frame_rows, self.static_transforms, self.frame_ids = [], {}, {}
-        self.n_unreadable, self.first_errors = Counter(), {}
+        self.frame_rows: list[FrameRow] = []
+        self.static_transforms: dict[Edge, dict[str, Any]] = {}
+        self.frame_ids: dict[str, str] = {}
+        self.n_unreadable: Counter[str] = Counter()
+        self.first_errors: dict[str, str] = {}
 
-    def add_message(self, message):
-        """Add what one message says."""
+    def add_message(self, message: LogMessage) -> None:
+        """Add the content of one message."""
         try:
             with guard_message_fields(message.type):
                 self._sort_message(message)
@@ -40,105 +71,108 @@ class DecodedLog:
             self.n_unreadable[message.topic] += 1
             self.first_errors.setdefault(message.topic, str(error))
 
-    def _sort_message(self, message):
+    def _sort_message(self, message: LogMessage) -> None:
         if message.topic in self._sensor_by_topic:
             self._add_frame(message, self._sensor_by_topic[message.topic])
         elif message.type == camera_info.CAMERA_INFO_TYPE:
             self._add_camera_info(message)
+        elif message.topic == TF_STATIC_TOPIC and message.type in POSE_READERS:
+            self._add_static_transforms(message)
         elif message.type in POSE_READERS:
-            take = (
-                self._add_static_transforms
-                if message.topic == TF_STATIC_TOPIC
-                else self.streams.add_message
-            )
-            take(message)
+            self.streams.add_message(message)
 
-    def _add_frame(self, message, name):
-        if message.type in self.probes[name].message_types:
-            head = read_message_header(message)
-            self.frame_ids.setdefault(name, head.frame_id)
-            t = header_stamp_ns(head)
-            place = (
-                message.log_time_ns,
-                len(message.data),
-                message.file_index,
-                message.index_at_log_time,
-            )
-            self.frame_rows.append((name, t or -1, *place))
-            self.probes[name].add_message(message)
+    def _add_frame(self, message: LogMessage, name: str) -> None:
+        if message.type not in self.probes[name].message_types:
+            return
+        header = read_message_header(message)
+        self.frame_ids.setdefault(name, header.frame_id)
+        row = FrameRow(
+            sensor=name,
+            stamp_ns=header_stamp_ns(header) or -1,
+            log_time_ns=message.log_time_ns,
+            size=len(message.data),
+            file_index=message.file_index,
+            index_at_log_time=message.index_at_log_time,
+        )
+        self.frame_rows.append(row)
+        self.probes[name].add_message(message)
 
-    def _add_camera_info(self, message):
+    def _add_camera_info(self, message: LogMessage) -> None:
         for name, sensor in self.sensors.items():
             if sensor.get("camera_info") == message.topic:
                 self.probes[name].add_camera_info(message.content)
 
-    def _add_static_transforms(self, message):
+    def _add_static_transforms(self, message: LogMessage) -> None:
         for pose in read_poses(message):
             edge = pose.parent, pose.body
             if not np.isfinite([*pose.xyz, *pose.quat]).all():
-                raise InputError(f"the transform from {edge[0]} to {edge[1]} is not a number")
+                raise InputError(f"the transform from {edge[0]} to {edge[1]} is not finite")
             self.static_transforms[edge] = {"xyz_m": list(pose.xyz), "quat_xyzw": list(pose.quat)}
 
 
-def mocap_topics(mocap_config):
-    """{topic: body that it names, or None} of the block `mocap` of a rig."""
+def mocap_topics(mocap_config: dict[str, Any]) -> dict[str, str | None]:
+    """Return {topic: body that it names, or None} of a rig's block `mocap`."""
     topics = mocap_config["topics"]
     return dict(topics) if isinstance(topics, dict) else dict.fromkeys(topics)
 
 
-def decode_log(log, options):
-    """The Recording of a log, within from_s and to_s after its first message; static transforms,
-    which are sent once, also from before, and first, for they tell which frames are wanted."""
-    recording, sensors = DecodedLog(options), options["sensors"].values()
-    infos = [s["camera_info"] for s in sensors if "camera_info" in s]
-    topics = (*mocap_topics(options["mocap"]), *(s["topic"] for s in sensors), *infos)
-    start, end = _log_time_bounds(log, options)
+def decode_log(log: RecordedLog, options: dict[str, Any]) -> DecodedLog:
+    """Read a log once, from from_s to to_s after its first message.
+
+    Static transforms are read first, and also from before from_s: they are sent only once, and they
+    tell which frames are needed.
+    """
+    decoded, sensors = DecodedLog(options), options["sensors"].values()
+    camera_infos = [s["camera_info"] for s in sensors if "camera_info" in s]
+    topics = {*mocap_topics(options["mocap"]), *(s["topic"] for s in sensors), *camera_infos}
+    start_ns, end_ns = _log_time_bounds(log, options)
     if TF_STATIC_TOPIC in log.topics:
-        for message in log.iter_messages([TF_STATIC_TOPIC], None, end):
-            recording.add_message(message)
-        recording.streams.add_parent_frames(recording.static_transforms)
-    wanted = sorted({t for t in topics if t in log.topics and t != TF_STATIC_TOPIC})
-    for message in log.iter_messages(wanted, start, end):
-        recording.add_message(message)
-    return recording
+        for message in log.iter_messages([TF_STATIC_TOPIC], None, end_ns):
+            decoded.add_message(message)
+        decoded.streams.add_parent_frames(decoded.static_transforms)
+    wanted = sorted(t for t in topics if t in log.topics and t != TF_STATIC_TOPIC)
+    for message in log.iter_messages(wanted, start_ns, end_ns):
+        decoded.add_message(message)
+    return decoded
 
 
-def _log_time_bounds(log, options):
-    """First and last log time, ns, that from_s and to_s allow; None where they are not given."""
-    return [
+def _log_time_bounds(log: RecordedLog, options: dict[str, Any]) -> tuple[int | None, int | None]:
+    """Return the log times, ns, of from_s and to_s; None if not set."""
+    start_ns, end_ns = (
         None if options[k] is None else log.start_ns + round(options[k] * NS_PER_S)
         for k in ("from_s", "to_s")
-    ]
+    )
+    return start_ns, end_ns
 
 
-def infer_stream_clocks(recording):
-    """{topic of motion capture or name of a sensor: stamps.Clock}."""
+def infer_stream_clocks(decoded: DecodedLog) -> dict[str, StreamClock]:
+    """Return the clock of each topic of motion capture and of each sensor, by name."""
     streams = {}
-    for topic, edges in recording.streams.columns_by_topic().items():
-        most = max(edges.values(), key=lambda c: len(c["stamp_ns"]))
-        streams[topic] = most["stamp_ns"], most["log_time_ns"]
-    for name in sorted(recording.sensors):
-        rows = [f for f in recording.frame_rows if f[0] == name]
-        if rows:
-            streams[name] = tuple(np.array([f[1:3] for f in rows], np.int64).T)
+    for topic, edges in decoded.streams.columns_by_topic().items():
+        longest = max(edges.values(), key=lambda c: len(c["stamp_ns"]))
+        streams[topic] = StreamTimes(longest["stamp_ns"], longest["log_time_ns"])
+    for name in sorted(decoded.sensors):
+        times = [(r.stamp_ns, r.log_time_ns) for r in decoded.frame_rows if r.sensor == name]
+        if times:
+            streams[name] = StreamTimes(*np.array(times, np.int64).T)
     return match_streams_to_log(streams)
 
 
-def build_frame_columns(frames, clocks):
-    """Columns of frames.parquet: sensors by name, messages by place in the log."""
-    if not frames:
+def build_frame_columns(frame_rows: list[FrameRow], clocks: dict[str, StreamClock]) -> Columns:
+    """Return the columns of frames.parquet: by sensor, then by place in the log."""
+    if not frame_rows:
         return empty_columns(FRAMES_SCHEMA)
-    frames = sorted(frames, key=lambda f: (f[0], f[4], f[2], f[5]))
-    columns = dict(zip(FRAMES_SCHEMA.names, map(np.array, zip(*frames, strict=True)), strict=True))
+    rows = sorted(frame_rows, key=lambda r: r.place)
+    columns = {name: np.array([getattr(r, name) for r in rows]) for name in FRAMES_SCHEMA.names}
     for name in sorted(set(columns["sensor"].tolist())):
-        rows = columns["sensor"] == name
-        columns["stamp_ns"][rows] = clocks[name].message_times_ns(
-            columns["stamp_ns"][rows], columns["log_time_ns"][rows]
+        is_sensor = columns["sensor"] == name
+        columns["stamp_ns"][is_sensor] = clocks[name].message_times_ns(
+            columns["stamp_ns"][is_sensor], columns["log_time_ns"][is_sensor]
         )
     return columns
 
 
-def median_rate_hz(stamps_ns):
-    """Hz from stamps t, ns; 0 where there is none."""
+def median_rate_hz(stamps_ns: np.ndarray) -> float:
+    """Return the median rate, Hz, of stamps (n,), ns; 0 if there is none."""
     steps = np.diff(stamps_ns) / NS_PER_S
     return float(1 / np.median(steps)) if len(steps) and np.median(steps) > 0 else 0.0

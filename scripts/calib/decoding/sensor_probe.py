@@ -1,11 +1,14 @@
-"""What the first messages of a sensor tell of how its driver publishes, for the audit of a log.
+"""Probes: what the first messages of a sensor show of its driver, for the audit of a log.
 
-To add a kind of sensor: a class with the methods of Lidar and a line in KINDS.
+To add a kind of sensor: write a class that follows SensorProbe, and add it to PROBE_BY_KIND.
 """
+
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
-from calib.io.status import OK, InputError, failure_status
+from calib.io.logs.log_message import LogMessage, TopicInfo
+from calib.io.status import OK, InputError, Status, failure_status
 from calib.sensors.camera import camera_info
 from calib.sensors.camera.camera_info import (
     CameraInfoError,
@@ -25,21 +28,51 @@ from calib.sensors.lidar.clouds.cloud_messages import (
     UNSUPPORTED_CLOUD_TYPES,
     read_raw_cloud,
 )
+from calib.sensors.lidar.clouds.raw_cloud import RawCloud
 
-N_LAYOUT_SAMPLES = 10  # messages that a layout is inferred from
-MAX_PROBED_MESSAGES = 50  # messages among which they are looked for
+N_LAYOUT_SAMPLES = 10  # clouds that a layout is inferred from
+MAX_PROBED_MESSAGES = 50  # messages that are tried until enough are readable
+
+CloudSample: TypeAlias = tuple[RawCloud, int]  # and the log time of its message, ns
+
+
+class SensorProbe(Protocol):
+    """Looks at the first messages of one sensor.
+
+    message_types: types that are read; refused_types: {pattern of a type: what to do about it}.
+    """
+
+    message_types: tuple[str, ...]
+    refused_types: dict[str, str]
+
+    def __init__(self, config: dict[str, Any]) -> None: ...
+
+    def add_message(self, message: LogMessage) -> None:
+        """Look at a message of the sensor's topic."""
+
+    def add_camera_info(self, message: Any) -> None:
+        """Look at a CameraInfo."""
+
+    def audit(
+        self, period_ns: float, topics: dict[str, TopicInfo]
+    ) -> tuple[dict[str, Any], Status]:
+        """Return the sensor's block of log.json and a status.
+
+        period_ns: median time between messages; topics: of the log.
+        """
 
 
 class LidarProbe:
-    """The clouds of one lidar, of which a few are kept until all is told."""
+    """Keeps a few clouds of one lidar, to infer their layout."""
 
     message_types, refused_types = tuple(CLOUD_TYPES), UNSUPPORTED_CLOUD_TYPES
 
-    def __init__(self, config):
-        self.config, self.samples, self.n_tried, self.first_error = config, [], 0, ""
+    def __init__(self, config: dict[str, Any]) -> None:
+        self.config, self.n_tried, self.first_error = config, 0, ""
+        self.samples: list[CloudSample] = []
 
-    def add_message(self, message):
-        """Look at one Message of the sensor's topic."""
+    def add_message(self, message: LogMessage) -> None:
+        """Look at a message of the sensor's topic."""
         if len(self.samples) == N_LAYOUT_SAMPLES or self.n_tried == MAX_PROBED_MESSAGES:
             return
         self.n_tried += 1
@@ -51,34 +84,37 @@ class LidarProbe:
         if len(cloud.grid_index[0]):
             self.samples.append((cloud, message.log_time_ns))
 
-    def add_camera_info(self, message):
-        """A lidar has no CameraInfo."""
+    def add_camera_info(self, message: Any) -> None:
+        """Ignore the message: a lidar has no CameraInfo."""
 
-    def audit(self, period_ns, topics):
-        """(what the audit says besides, Status); period, ns, from message to message; topics of
-        the log, with their types."""
+    def audit(
+        self, period_ns: float, topics: dict[str, TopicInfo]
+    ) -> tuple[dict[str, Any], Status]:
+        """Return the layout of the clouds for log.json, and a status."""
         if not self.samples:
             return {}, _unreadable_status(
-                "clouds", self.n_tried, self.first_error or "no return in any of them"
+                "clouds", self.n_tried, self.first_error or "no return in any cloud"
             )
         samples = sorted(_keep_common_layout(self.samples), key=lambda s: s[0].stamp_ns)
-        layout, words, status = infer_cloud_layout(
+        layout, inferred, status = infer_cloud_layout(
             samples, period_ns, self.config.get("point_time", {})
         )
-        return {"layout": layout.to_dict(), "inferred": words}, status
+        return {"layout": layout.to_dict(), "inferred": inferred}, status
 
 
 class CameraProbe:
-    """The images of one camera, of which one is looked at, and its CameraInfo."""
+    """Looks at one image of a camera, and at its CameraInfo."""
 
     message_types, refused_types = tuple(IMAGE_TYPES), UNSUPPORTED_IMAGE_TYPES
 
-    def __init__(self, config):
+    def __init__(self, config: dict[str, Any]) -> None:
         self.config, self.n_tried, self.first_error = config, 0, ""
-        self.size_px, self.encoding, self.camera_infos = None, "", []
+        self.size_px: list[int] | None = None
+        self.encoding = ""
+        self.camera_infos: list[Any] = []
 
-    def add_message(self, message):
-        """Look at one Message of the sensor's topic."""
+    def add_message(self, message: LogMessage) -> None:
+        """Look at a message of the sensor's topic."""
         if self.size_px or self.n_tried == MAX_PROBED_MESSAGES:
             return
         self.n_tried += 1
@@ -89,92 +125,93 @@ class CameraProbe:
         except InputError as error:
             self.first_error = self.first_error or str(error)
 
-    def add_camera_info(self, message):
-        """Look at one CameraInfo: the first that differs from the first is kept as well."""
+    def add_camera_info(self, message: Any) -> None:
+        """Keep the first CameraInfo, and the first that differs from it."""
         if not self.camera_infos or (
             len(self.camera_infos) == 1 and _is_other_camera_info(self.camera_infos[0], message)
         ):
             self.camera_infos.append(message)
 
-    def audit(self, period_ns, topics):
-        """(what the audit says besides, Status); topics of the log, with their types."""
+    def audit(
+        self, period_ns: float, topics: dict[str, TopicInfo]
+    ) -> tuple[dict[str, Any], Status]:
+        """Return the lens and what was inferred for log.json, and a status."""
         if self.size_px is None:
             return {}, _unreadable_status("images", self.n_tried, self.first_error)
-        words = {"image": f"{self.encoding}, {self.size_px[0]} x {self.size_px[1]} px"}
+        inferred = {"image": f"{self.encoding}, {self.size_px[0]} x {self.size_px[1]} px"}
         if "camera_info" not in self.config:
-            return {"inferred": words}, OK
+            return {"inferred": inferred}, OK
         try:
-            camera, words["lens"] = self._camera_block(topics)
+            camera, inferred["lens"] = self._camera_block(topics)
         except CameraInfoError as error:
-            return {"inferred": words}, error.status
-        status = (
-            OK
-            if camera["size_px"] == self.size_px
-            else self._size_mismatch_status(camera["size_px"])
-        )
-        return {"camera": camera, "inferred": words}, status
+            return {"inferred": inferred}, error.status
+        status = OK
+        if camera["size_px"] != self.size_px:
+            status = self._size_mismatch_status(self.size_px, camera["size_px"])
+        return {"camera": camera, "inferred": inferred}, status
 
-    def _camera_block(self, topics):
-        """(camera block, in words where it comes from)."""
+    def _camera_block(self, topics: dict[str, TopicInfo]) -> tuple[dict[str, Any], str]:
+        """Return the camera block by the CameraInfo and its source; raises CameraInfoError."""
         config = self.config
         if not self.camera_infos:
-            raise CameraInfoError(*_missing_camera_info(config["camera_info"], topics))
+            raise _missing_camera_info(config["camera_info"], topics)
         if len(self.camera_infos) > 1:
             raise CameraInfoError(
                 f"{config['camera_info']} changes within the log",
                 " and ".join(map(describe_camera_info, self.camera_infos)),
                 "one CameraInfo",
-                "Bound the session by from_s and to_s, or write model, size_px and params.",
+                "Limit the session by from_s and to_s, or set model, size_px and params.",
             )
         rectified = config.get("rectified", is_rectified_topic(config["topic"]))
-        camera, words = camera_block_from_info(self.camera_infos[0], rectified)
+        camera, source = camera_block_from_info(self.camera_infos[0], rectified)
         for key in ("model", "size_px"):
             if config.get(key, camera[key]) != camera[key]:
                 raise CameraInfoError(
-                    f"CameraInfo is of another {key} than the rig",
-                    *(camera[key], config[key]),
-                    f"Leave {key} out of the rig, or write params as well in place of camera_info.",
+                    f"CameraInfo has another {key} than the rig",
+                    camera[key],
+                    config[key],
+                    f"Remove {key} from the rig, or set params as well and remove camera_info.",
                 )
-        return camera, words
+        return camera, source
 
-    def _size_mismatch_status(self, info_size_px):
+    def _size_mismatch_status(self, image_size_px: list[int], info_size_px: list[int]) -> Status:
         return failure_status(
             f"images and {self.config['camera_info']} differ in size",
-            f"images of {self.size_px[0]} x {self.size_px[1]} px",
-            f"{info_size_px[0]} x {info_size_px[1]} px, as the CameraInfo says",
-            "Name the CameraInfo that is published with these images, or write size_px and params "
+            f"images of {image_size_px[0]} x {image_size_px[1]} px",
+            f"{info_size_px[0]} x {info_size_px[1]} px, as in the CameraInfo",
+            "Set camera_info to the topic published with these images, or set size_px and params "
             "for their size.",
         )
 
 
-PROBE_BY_KIND = {"lidar": LidarProbe, "camera": CameraProbe}
+PROBE_BY_KIND: dict[str, type[SensorProbe]] = {"lidar": LidarProbe, "camera": CameraProbe}
 
 
-def _keep_common_layout(samples):
-    """The samples whose clouds have the fields that most have: a damaged one tells of no other."""
-    laid = [{n: v.dtype.str for n, v in cloud.fields.items()} for cloud, _ in samples]
-    common = max(laid, key=laid.count)
-    return [s for s, fields in zip(samples, laid, strict=True) if fields == common]
+def _keep_common_layout(samples: list[CloudSample]) -> list[CloudSample]:
+    """Return the samples with the most common fields, so that damaged clouds do not count."""
+    layouts = [{n: v.dtype.str for n, v in cloud.fields.items()} for cloud, _ in samples]
+    common = max(layouts, key=layouts.count)
+    return [s for s, layout in zip(samples, layouts, strict=True) if layout == common]
 
 
-def _is_other_camera_info(one, other):
+def _is_other_camera_info(one: Any, other: Any) -> bool:
     return not np.array_equal(flatten_camera_info(one), flatten_camera_info(other), equal_nan=True)
 
 
-def _missing_camera_info(topic, topics):
-    known = sorted(k for k, (kind, _) in topics.items() if kind == camera_info.CAMERA_INFO_TYPE)
-    return (
+def _missing_camera_info(topic: str, topics: dict[str, TopicInfo]) -> CameraInfoError:
+    found = sorted(k for k, (kind, _) in topics.items() if kind == camera_info.CAMERA_INFO_TYPE)
+    return CameraInfoError(
         f"no CameraInfo on {topic}",
-        f"CameraInfo on {', '.join(known) or 'no topic'}",
+        f"CameraInfo on {', '.join(found) or 'no topic'}",
         topic,
-        "Correct camera_info, or write model, size_px and params.",
+        "Correct camera_info, or set model, size_px and params.",
     )
 
 
-def _unreadable_status(payload_kind, tried, first_error):
+def _unreadable_status(payload_kind: str, n_tried: int, first_error: str) -> Status:
     return failure_status(
         f"{payload_kind} that cannot be read",
         first_error,
-        f"1 of the first {tried} or more",
-        "Look at the topic with `ros2 topic echo` or Foxglove, and record it anew.",
+        f"1 or more readable among the first {n_tried}",
+        "Check the topic with `ros2 topic echo` or Foxglove, and record it again.",
     )

@@ -1,3 +1,13 @@
-"""Motion capture: messages of every driver (messages/), streams of poses, their conventions and
-faults, swapped bodies, poses of bodies in the map, trajectories, stillness, and the local motion of
-a target."""
+"""Motion capture.
+
+messages           readers of the messages of every driver
+pose_streams       streams of poses by topic and frame
+pose_conventions   units, quaternion order and up axis
+pose_faults        faults of single poses: zeros, jumps, frozen poses, late stamps
+swapped_bodies     names that were swapped for a while
+body_poses_in_map  poses composed along a chain of frames
+body_trajectory    trajectories, interpolated between samples
+stillness          still intervals, and how much their poses tell
+moving_pose_fit    pose and velocity of a moving target at a time
+mask_runs          runs of true values in a mask
+"""

@@ -1,48 +1,32 @@
-"""Poses of a body over time, and between its samples."""
+"""Trajectories of bodies: poses at stamps, interpolated between them."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from calib.geometry.se3 import interpolate_poses, invert_pose, pose_from_xyz_quat
 from calib.geometry.units import NS_PER_S
-
-
-def target_trajectories(columns, body, bodies, max_gap_s):
-    """{target: Trajectory of T_robot_body} from the columns of mocap.parquet; bodies: target -> its
-    MCS body."""
-    robot = trajectory_from_columns(columns, body, max_gap_s)
-    return {
-        target: relative_trajectory(robot, trajectory_from_columns(columns, name, max_gap_s))
-        for target, name in sorted(bodies.items())
-    }
-
-
-def find_separate_streams(columns, body, bodies, topics, max_gap_s):
-    """{target: Trajectories of robot and body in the map} of those whose poses come by other topics
-    than the robot's; topics: {body: its topics}."""
-    own = set(topics.get(body, ()))
-    others = {t: n for t, n in sorted(bodies.items()) if own and topics.get(n)}
-    others = {t: n for t, n in others.items() if not own & set(topics[n])}
-    if not others:
-        return {}
-    robot = trajectory_from_columns(columns, body, max_gap_s)
-    return {t: (robot, trajectory_from_columns(columns, n, max_gap_s)) for t, n in others.items()}
+from calib.io.parquet_tables import Columns
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Poses T (n, 4, 4) of a body at the stamps t (n,), int64 ns, increasing; max_gap, ns."""
+    """Poses (n, 4, 4) of a body at increasing stamps (n,), int64 ns.
+
+    Poses are not interpolated over gaps longer than max_gap_ns.
+    """
 
     stamps_ns: np.ndarray
     poses: np.ndarray
     max_gap_ns: int
 
-    def poses_at(self, times_ns):
-        """Poses (m, 4, 4) at the times times_ns (m,), ns, and whether they are known (m,).
+    def poses_at(self, times_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the poses (m, 4, 4) at times (m,), ns, and whether they are known (m,).
 
-        Interpolated along the geodesic between the samples on both sides; unknown, and the
-        identity, before the first, after the last and in gaps longer than max_gap.
+        Poses are interpolated along the geodesic between the samples on both sides. They are
+        unknown (and the identity) before the first sample, after the last, and in gaps longer than
+        max_gap_ns.
         """
         times_ns = np.asarray(times_ns, np.int64)
         if len(self.stamps_ns) == 0:
@@ -64,8 +48,55 @@ class Trajectory:
         return T, known
 
 
-def trajectory_from_columns(columns, body, max_gap_s):
-    """The Trajectory of a body from the columns of mocap.parquet; faulty poses are left out."""
+class SeparateTrajectories(NamedTuple):
+    """Trajectories of robot and target body in the map, from streams with clocks of their own."""
+
+    robot: Trajectory
+    body: Trajectory
+
+
+def target_trajectories(
+    columns: Columns, body: str, bodies: dict[str, str], max_gap_s: float
+) -> dict[str, Trajectory]:
+    """Return {target: trajectory of T_robot_body} from the columns of mocap.parquet.
+
+    body: MCS body of the robot; bodies: {target: its MCS body}.
+    """
+    robot = trajectory_from_columns(columns, body, max_gap_s)
+    return {
+        target: relative_trajectory(robot, trajectory_from_columns(columns, name, max_gap_s))
+        for target, name in sorted(bodies.items())
+    }
+
+
+def find_separate_streams(
+    columns: Columns,
+    body: str,
+    bodies: dict[str, str],
+    topics: dict[str, list[str]],
+    max_gap_s: float,
+) -> dict[str, SeparateTrajectories]:
+    """Return the trajectories of targets whose poses come from other topics than the robot's.
+
+    Their clocks may differ from the robot's. topics: {body: its topics}.
+    """
+    robot_topics = set(topics.get(body, ()))
+    separate = {
+        target: name
+        for target, name in sorted(bodies.items())
+        if robot_topics and topics.get(name) and not robot_topics & set(topics[name])
+    }
+    if not separate:
+        return {}
+    robot = trajectory_from_columns(columns, body, max_gap_s)
+    return {
+        target: SeparateTrajectories(robot, trajectory_from_columns(columns, name, max_gap_s))
+        for target, name in separate.items()
+    }
+
+
+def trajectory_from_columns(columns: Columns, body: str, max_gap_s: float) -> Trajectory:
+    """Return the trajectory of a body from the columns of mocap.parquet, without faulty poses."""
     rows = (columns["body"] == body) & (columns["fault"] == "")
     t = columns["stamp_ns"][rows]
     T = pose_from_xyz_quat(
@@ -74,13 +105,16 @@ def trajectory_from_columns(columns, body, max_gap_s):
     return Trajectory(t, T, round(max_gap_s * NS_PER_S))
 
 
-def relative_trajectory(robot, target):
-    """Trajectory of T_robot_target at the target's stamps at which the robot is known."""
+def relative_trajectory(robot: Trajectory, target: Trajectory) -> Trajectory:
+    """Return T_robot_target at the stamps of the target at which the robot is known."""
     T_map_robot, known = robot.poses_at(target.stamps_ns)
     T = invert_pose(T_map_robot[known]) @ target.poses[known]
     return Trajectory(target.stamps_ns[known], T, target.max_gap_ns)
 
 
-def _window_bounds(t, half):
-    """First and one past the last index of the samples within half, ns, of each sample."""
-    return np.searchsorted(t, t - half, "left"), np.searchsorted(t, t + half, "right")
+def window_bounds(t: np.ndarray, half_width_ns: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return first and one past last index of the samples within half_width_ns of each sample."""
+    return (
+        np.searchsorted(t, t - half_width_ns, "left"),
+        np.searchsorted(t, t + half_width_ns, "right"),
+    )

@@ -1,4 +1,4 @@
-"""A target in motion as one message saw it: poses and speeds between the samples of the MCS."""
+"""Local motion of a moving target: pose and velocity between the samples of motion capture."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -7,39 +7,44 @@ import numpy as np
 
 from calib.geometry.se3 import invert_pose, se3_exp, se3_log
 from calib.geometry.units import NS_PER_S
-from calib.mocap.body_trajectory import Trajectory, relative_trajectory
+from calib.mocap.body_trajectory import SeparateTrajectories, Trajectory, relative_trajectory
 
-LAG_WINDOW_NS = NS_PER_S  # ns to each side of a view, in which poses may be of use
-FIT_REACH_SAMPLES = (
-    4.5  # samples of the MCS to each side of a time, from which pose and speed there are taken
-)
+LAG_WINDOW_NS = NS_PER_S  # to each side of a view, within which poses are used
+FIT_REACH_SAMPLES = 4.5  # to each side of a time, from which pose and velocity are fitted
 
 
 class LocalMotion(NamedTuple):
-    """T_robot_body (4, 4) at a time; velocity (6,) and acceleration (6,) of its right twist, per s
-    and per s²; factor: σ of the pose over that of one sample."""
+    """Motion of a target around a time.
+
+    T_robot_body: pose (4, 4) at that time; velocity (6,), per s, and acceleration (6,), per s²: of
+    its right twist; sigma_factor: σ of the pose over that of one sample.
+    """
 
     T_robot_body: np.ndarray
     velocity: np.ndarray
     acceleration: np.ndarray
     sigma_factor: float
 
-    def deskew(self, xyz, delays_s, T_robot_sensor):
-        """Points xyz (n, 3), sensor frame, taken so long delays_s (n,), s, moved along with the body
-        to where it is here."""
-        times, at = np.unique(delays_s, return_inverse=True)
+    def deskew(
+        self, xyz: np.ndarray, delays_s: np.ndarray, T_robot_sensor: np.ndarray
+    ) -> np.ndarray:
+        """Move points to where they are on the target at the time of this motion.
+
+        xyz: (n, 3) points, sensor frame, m; delays_s: (n,) their times after this time, s.
+        """
+        times, index = np.unique(delays_s, return_inverse=True)
         s = times[:, None]
         xi = s * self.velocity + s**2 / 2 * self.acceleration
-        X = invert_pose(T_robot_sensor) @ self.T_robot_body
-        back = (X @ se3_exp(-xi) @ invert_pose(X))[at]
-        return np.einsum("nij,nj->ni", back[:, :3, :3], xyz) + back[:, :3, 3]
+        T_sensor_body = invert_pose(T_robot_sensor) @ self.T_robot_body
+        T_now_then = (T_sensor_body @ se3_exp(-xi) @ invert_pose(T_sensor_body))[index]
+        return np.einsum("nij,nj->ni", T_now_then[:, :3, :3], xyz) + T_now_then[:, :3, 3]
 
 
-def fit_local_motion(trajectory, time_ns):
-    """The Fit at t, ns, of a quadratic in the Lie algebra to the samples around it.
+def fit_local_motion(trajectory: Trajectory, time_ns: int) -> LocalMotion | None:
+    """Fit a quadratic in the Lie algebra to the samples around a time.
 
-    None where they have a gap or end. Tricube weights: samples come and go without weight, so that
-    it is smooth in t.
+    Returns None if they have a gap or end there. Tricube weights let samples enter and leave with
+    weight zero, so the result is smooth in the time.
     """
     near = int(np.searchsorted(trajectory.stamps_ns, time_ns))
     rows = slice(max(near - 8, 0), near + 8)
@@ -56,7 +61,7 @@ def fit_local_motion(trajectory, time_ns):
     weight = (1 - np.abs((times - time_ns) / half) ** 3) ** 1.5  # the square root of tricube's
     H = np.linalg.pinv(weight[:, None] * s[:, None] ** [0, 1, 2]) * weight
     T = poses[np.abs(s).argmin()]
-    # Again about what was found: velocities are then those of the pose itself.
+    # A second time around the fitted pose: velocities are then those of the pose itself.
     for _ in range(2):
         shift, velocity, half_acceleration = H @ se3_log(invert_pose(T) @ poses)
         T = T @ se3_exp(shift)
@@ -65,32 +70,36 @@ def fit_local_motion(trajectory, time_ns):
 
 @dataclass(frozen=True)
 class MovingView:
-    """What a sensor saw at t, ns, of a body of which a Trajectory of T_robot_body is known, and the
-    σ (6,) of what each of the two poses behind that errs by in this view alone. apart: Trajectories
-    of robot and body in the map where they come by streams of their own, whose clocks may differ.
+    """A view of a moving target.
+
+    stamp_ns: of the view; trajectory: of T_robot_body; sigma: (6,) error of each of the two poses
+    behind that, in this view alone; separate_trajectories: set if robot and body come from streams
+    of their own, whose clocks may differ.
     """
 
     sensor: str
     stamp_ns: int
-    trajectory: object
+    trajectory: Trajectory
     sigma: np.ndarray
-    separate_trajectories: tuple | None = None
+    separate_trajectories: SeparateTrajectories | None = None
 
-    def motion_at(self, time_offset_s, stream_lag_s=0.0):
-        """The Fit at t on the clock of the robot's poses, the sensor's being late by an offset, s,
-        and that of the body's poses by a lag, s. Where the MCS has none, that at t itself."""
-        path = (
-            self._shift_body_stamps(stream_lag_s)
-            if stream_lag_s and self.separate_trajectories
-            else self.trajectory
+    def motion_at(self, time_offset_s: float, stream_lag_s: float = 0.0) -> LocalMotion | None:
+        """Return the motion at the view, on the clock of the robot's poses.
+
+        time_offset_s: delay of the sensor's clock; stream_lag_s: delay of the clock of the body's
+        poses. Without poses around that time, the motion at the stamp itself.
+        """
+        trajectory = self.trajectory
+        if stream_lag_s and self.separate_trajectories:
+            trajectory = self._shift_body_stamps(self.separate_trajectories, stream_lag_s)
+        time_ns = self.stamp_ns + round(time_offset_s * NS_PER_S)
+        return fit_local_motion(trajectory, time_ns) or fit_local_motion(
+            self.trajectory, self.stamp_ns
         )
-        return fit_local_motion(
-            path, self.stamp_ns + round(time_offset_s * NS_PER_S)
-        ) or fit_local_motion(self.trajectory, self.stamp_ns)
 
-    def _shift_body_stamps(self, stream_lag_s):
-        """The Trajectory of T_robot_body around t, the body's stamps taken to the robot's clock."""
-        robot, body = self.separate_trajectories
+    def _shift_body_stamps(self, separate: SeparateTrajectories, stream_lag_s: float) -> Trajectory:
+        """Return T_robot_body around the stamp, the body's stamps moved to the robot's clock."""
+        robot, body = separate
         t = body.stamps_ns + round(stream_lag_s * NS_PER_S)
         rows = slice(
             *np.searchsorted(t, [self.stamp_ns - LAG_WINDOW_NS, self.stamp_ns + LAG_WINDOW_NS])

@@ -1,99 +1,106 @@
-"""Units, quaternion order and up axis of motion capture, found from the poses."""
+"""Units, quaternion order and up axis of motion capture, inferred from the poses."""
+
+from typing import NamedTuple
 
 import numpy as np
 
+from calib.geometry.frame_graph import Edge
+from calib.geometry.units import MM_PER_M
+from calib.io.parquet_tables import Columns
 from calib.mocap.pose_faults import MAX_POSITION_M, flag_single_poses
 
-MAX_MOCAP_DISTANCE_M = 50.0  # no motion capture sees as far: it sends millimetres
-MAX_FLOOR_THICKNESS_RATIO, MIN_FLOOR_SPREAD_M, MIN_TURN_RAD = (
-    0.1,
-    0.2,
-    0.5,
-)  # of a body that drives and turns on a floor
-MIN_COS_ALONG_NORMAL, MAX_COS_ACROSS_NORMAL = (
-    0.9,
-    0.5,
-)  # cosines of the axis it turns about to the floor's normal
-MIN_COS_UPRIGHT, MAX_COS_LYING = (
-    0.94,
-    0.5,
-)  # cosines of the tilt of a body that stands, and of one that does not
-MAX_POSES_CHECKED = 2000  # poses of a stream
+MAX_MOCAP_DISTANCE_M = 50.0  # motion capture does not reach further; larger values are mm
+# Path of a body that drives and turns on a floor: thickness / width, width, rotation.
+MAX_FLOOR_THICKNESS_RATIO, MIN_FLOOR_SPREAD_M, MIN_TURN_RAD = 0.1, 0.2, 0.5
+# Cosines between the rotation axis and the floor's normal.
+MIN_COS_ALONG_NORMAL, MAX_COS_ACROSS_NORMAL = 0.9, 0.5
+# Cosines of the tilt of an upright body, and of one that is not.
+MIN_COS_UPRIGHT, MAX_COS_LYING = 0.94, 0.5
+MAX_POSES_CHECKED = 2000  # of a stream
 
 
-def to_si_xyzw(columns_by_edge):
-    """The edges of a topic in metres and xyzw, and what was found and done, in words.
+class TurnAxes(NamedTuple):
+    """Rotation axis of a body that drives on a floor.
+
+    cos_xyzw, cos_wxyz: |cosine| of its angle to the floor's normal, with quaternions read as xyzw
+    and as wxyz; normal: (3,) of the floor, map frame.
+    """
+
+    cos_xyzw: float
+    cos_wxyz: float
+    normal: np.ndarray
+
+
+def to_si_xyzw(columns_by_edge: dict[Edge, Columns]) -> tuple[dict[Edge, Columns], list[str]]:
+    """Return the edges of a topic in metres and xyzw, and notes on what was inferred.
 
     columns_by_edge: {(parent, child): columns}.
     """
-    words = []
-    far = max(_median_distance(c["xyz"]) for c in columns_by_edge.values())
-    if far > MAX_MOCAP_DISTANCE_M:
-        words.append(f"millimetres, taken as such: bodies are {far:.0f} from the origin")
-        columns_by_edge = {k: c | {"xyz": c["xyz"] / 1000} for k, c in columns_by_edge.items()}
-    turns = [
-        t
-        for c in columns_by_edge.values()
-        if (t := _compare_turn_axes(c["xyz"], c["quat"])) is not None
-    ]
-    if turns and all(
-        as_sent < MAX_COS_ACROSS_NORMAL and turned > MIN_COS_ALONG_NORMAL
-        for as_sent, turned, _ in turns
+    notes = []
+    distance = max(_median_distance(c["xyz"]) for c in columns_by_edge.values())
+    if distance > MAX_MOCAP_DISTANCE_M:
+        notes.append(f"positions read as millimetres: bodies are {distance:.0f} from the origin")
+        columns_by_edge = {k: c | {"xyz": c["xyz"] / MM_PER_M} for k, c in columns_by_edge.items()}
+    compared = [_compare_turn_axes(c["xyz"], c["quat"]) for c in columns_by_edge.values()]
+    axes = [a for a in compared if a is not None]
+    if axes and all(
+        a.cos_xyzw < MAX_COS_ACROSS_NORMAL and a.cos_wxyz > MIN_COS_ALONG_NORMAL for a in axes
     ):
-        words.append("quaternions as wxyz, taken as such: as xyzw a body would roll as it drives")
+        notes.append("quaternions read as w, x, y, z: as x, y, z, w a body would roll as it drives")
         columns_by_edge = {
             k: c | {"quat": np.roll(c["quat"], -1, axis=1)} for k, c in columns_by_edge.items()
         }
-    elif standing := [child for (_, child), c in columns_by_edge.items() if _is_upright_as_wxyz(c)]:
-        words.append(
-            f"quaternions may be wxyz, taken as xyzw: {standing[0]} never stands upright, and "
-            "always would as wxyz; mend what publishes them if no target is found"
+    elif upright := [child for (_, child), c in columns_by_edge.items() if _is_upright_as_wxyz(c)]:
+        notes.append(
+            f"quaternion order may be w, x, y, z: {upright[0]} is upright only in that order. Read "
+            "as x, y, z, w. If no target is found, fix the publisher."
         )
-    if turns and all(abs(normal[1]) > MIN_COS_ALONG_NORMAL for *_, normal in turns):
-        words.append(
-            "the y axis of the map points up: bodies drive across it; no result depends on it"
-        )
-    return columns_by_edge, words
+    if axes and all(abs(a.normal[1]) > MIN_COS_ALONG_NORMAL for a in axes):
+        notes.append("the y axis of the map points up: bodies drive across it. No result changes.")
+    return columns_by_edge, notes
 
 
-def _median_distance(xyz):
-    """Median distance of positions to the origin, zeros and what is no number left out."""
-    sane = (np.abs(xyz) < 1e3 * MAX_POSITION_M).all(1)  # neither NaN nor a wrong bit
-    far = np.linalg.norm(xyz[sane], axis=1)
-    far = far[far > 0]
-    return float(np.median(far)) if len(far) else 0.0
+def _median_distance(xyz: np.ndarray) -> float:
+    """Return the median distance of valid positions to the origin, without zeros."""
+    is_valid = (np.abs(xyz) < MM_PER_M * MAX_POSITION_M).all(1)  # neither NaN nor damaged
+    distances = np.linalg.norm(xyz[is_valid], axis=1)
+    distances = distances[distances > 0]
+    return float(np.median(distances)) if len(distances) else 0.0
 
 
-def _is_upright_as_wxyz(columns):
-    """Whether a body stands upright all the time if its quaternions are read as wxyz, and never as
-    they are sent."""
+def _is_upright_as_wxyz(columns: Columns) -> bool:
+    """Return whether a body is always upright with quaternions read as wxyz, and never as xyzw."""
     xyz, quat = columns["xyz"], columns["quat"]
     quat = quat[flag_single_poses(xyz, quat) == ""]
-    as_sent, turned = (1 - 2 * (q[:, :2] ** 2).sum(1) for q in (quat, np.roll(quat, -1, axis=1)))
-    return len(quat) > 0 and as_sent.max() < MAX_COS_LYING and turned.min() > MIN_COS_UPRIGHT
+    if len(quat) == 0:
+        return False
+    cos_xyzw, cos_wxyz = (1 - 2 * (q[:, :2] ** 2).sum(1) for q in (quat, np.roll(quat, -1, axis=1)))
+    return bool(cos_xyzw.max() < MAX_COS_LYING and cos_wxyz.min() > MIN_COS_UPRIGHT)
 
 
-def _compare_turn_axes(xyz, quat):
-    """How well the axis about which a body turns while it drives on a floor fits the floor's
-    normal (cosines), its quaternions read as xyzw and as wxyz, and that normal (3,); None of a body
-    that does not."""
-    fine = np.flatnonzero(flag_single_poses(xyz, quat) == "")
-    fine = fine[:: max(1, len(fine) // MAX_POSES_CHECKED)]
-    if len(fine) < 10:
+def _compare_turn_axes(xyz: np.ndarray, quat: np.ndarray) -> TurnAxes | None:
+    """Compare the rotation axis of a body that drives on a floor with the floor's normal.
+
+    Returns None for a body that does not drive or does not turn.
+    """
+    good = np.flatnonzero(flag_single_poses(xyz, quat) == "")
+    good = good[:: max(1, len(good) // MAX_POSES_CHECKED)]
+    if len(good) < 10:
         return None
-    _, size, axes = np.linalg.svd(xyz[fine] - xyz[fine].mean(0), full_matrices=False)
-    size = size / np.sqrt(len(fine))
+    _, size, axes = np.linalg.svd(xyz[good] - xyz[good].mean(0), full_matrices=False)
+    size = size / np.sqrt(len(good))
     if size[1] < MIN_FLOOR_SPREAD_M or size[2] > MAX_FLOOR_THICKNESS_RATIO * size[1]:
         return None
-    readings = [quat[fine], np.roll(quat[fine], -1, axis=1)]
-    turned = [_find_turn_axis(q) for q in readings]
-    if any(a is None for a in turned):
+    axis_xyzw = _find_turn_axis(quat[good])
+    axis_wxyz = _find_turn_axis(np.roll(quat[good], -1, axis=1))
+    if axis_xyzw is None or axis_wxyz is None:
         return None
-    return *(abs(float(a @ axes[2])) for a in turned), axes[2]
+    normal = axes[2]
+    return TurnAxes(abs(float(axis_xyzw @ normal)), abs(float(axis_wxyz @ normal)), normal)
 
 
-def _find_turn_axis(quat):
-    """Unit vector about which orientations differ most, in the map; None if they hardly do."""
+def _find_turn_axis(quat: np.ndarray) -> np.ndarray | None:
+    """Return the unit axis (3,), map frame, about which orientations differ most, or None."""
     v, w, v0, w0 = quat[:, :3], quat[:, 3:], quat[0, :3], quat[0, 3]
     turns = w0 * v - w * v0 - np.cross(v, v0)  # vector part of q q0⁻¹
     _, size, axes = np.linalg.svd(turns, full_matrices=False)

@@ -1,16 +1,32 @@
-"""When a body is still against another, and for how long."""
+"""Intervals in which a body is still relative to another, and how much its poses there tell."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib.geometry.se3 import so3_log
 from calib.geometry.units import NS_PER_S
-from calib.mocap import body_trajectory
+from calib.mocap.body_trajectory import Trajectory, window_bounds
+from calib.mocap.mask_runs import find_runs
 
 
-def _fit_window_slopes(t, y, first, last):
-    """Least-squares slopes (n, k) of y (n, k) over t (n,), s, in the windows [first, last)."""
+@dataclass(frozen=True)
+class StillnessLimits:
+    """When a body counts as still: block `gate` of the config, angular speed in rad/s."""
 
-    def total(values):
+    window_s: float
+    max_linear_mps: float
+    max_angular_radps: float
+    trim_s: float
+    min_duration_s: float
+
+
+def _fit_window_slopes(
+    t: np.ndarray, y: np.ndarray, first: np.ndarray, last: np.ndarray
+) -> np.ndarray:
+    """Return least-squares slopes (n, k) of y (n, k) over t (n,), s, in windows [first, last)."""
+
+    def total(values: np.ndarray) -> np.ndarray:
         cumulative = np.concatenate([np.zeros((1,) + values.shape[1:]), np.cumsum(values, 0)])
         return cumulative[last] - cumulative[first]
 
@@ -20,69 +36,65 @@ def _fit_window_slopes(t, y, first, last):
     return (total(t[:, None] * y) - s * sy / n) / np.where(spread > 0, spread, np.inf)
 
 
-def trajectory_speeds(trajectory, window_s):
-    """Linear (n,), m/s, and angular (n,), rad/s, speed at every sample, as slopes over a window.
+def trajectory_speeds(trajectory: Trajectory, window_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return linear (n,), m/s, and angular (n,), rad/s, speed at every sample.
 
-    A slope over all samples of the window averages the noise of the MCS, which the difference of
-    two poses would not; turning is summed from sample to sample, so it has no singular angle.
-    The slope of an oscillation vanishes where it fits the window, so its half and its quarter
-    count as well, at 1/4 and 1/16: noise, which grows with window^-1.5, stays below the whole's.
-    Infinite where the window is not covered without a gap.
+    Speeds are slopes over a window: a slope over all samples averages the noise of motion capture,
+    which the difference of two poses does not. Rotations are summed from sample to sample, so no
+    angle is singular. The slope of an oscillation vanishes if it fits the window, so half and
+    quarter windows count as well, with weights 1/4 and 1/16: noise grows with window^-1.5, so
+    theirs stays below that of the whole window. Infinite where the window has a gap.
     """
     t = trajectory.stamps_ns
     if len(t) < 3:
         return np.full(len(t), np.inf), np.full(len(t), np.inf)
-    half = round(window_s * NS_PER_S / 2)
+    half_ns = round(window_s * NS_PER_S / 2)
     seconds = (t - t[0]) / NS_PER_S
     turns = so3_log(np.swapaxes(trajectory.poses[:-1, :3, :3], 1, 2) @ trajectory.poses[1:, :3, :3])
-    turned = np.concatenate([np.zeros((1, 3)), np.cumsum(turns, 0)])
-    moved = np.stack([trajectory.poses[:, :3, 3], turned])
+    rotations = np.concatenate([np.zeros((1, 3)), np.cumsum(turns, 0)])
+    motions = np.stack([trajectory.poses[:, :3, 3], rotations])
     fastest = np.zeros((2, len(t)))
     for share in (1, 2, 4):
-        first, last = body_trajectory._window_bounds(t, half // share)
+        first, last = window_bounds(t, half_ns // share)
         slope = np.stack(
-            [np.linalg.norm(_fit_window_slopes(seconds, y, first, last), axis=1) for y in moved]
+            [np.linalg.norm(_fit_window_slopes(seconds, y, first, last), axis=1) for y in motions]
         )
         fastest = np.maximum(fastest, np.where(last - first >= 3, slope / share**2, 0.0))
-    first, last = body_trajectory._window_bounds(t, half)
-    fastest[:, ~(_is_window_covered(t, half, trajectory.max_gap_ns) & (last - first >= 3))] = np.inf
+    first, last = window_bounds(t, half_ns)
+    is_covered = _is_window_covered(t, half_ns, trajectory.max_gap_ns) & (last - first >= 3)
+    fastest[:, ~is_covered] = np.inf
     return fastest[0], fastest[1]
 
 
-def _is_window_covered(t, half_width_ns, max_gap_ns):
-    """Whether the samples reach half, ns, to both sides of each without a gap."""
+def _is_window_covered(t: np.ndarray, half_width_ns: int, max_gap_ns: int) -> np.ndarray:
+    """Return whether the samples cover the window around each sample without a gap, (n,) bool."""
     gaps = np.flatnonzero(np.diff(t) > max_gap_ns)
     starts, ends = t[np.append(0, gaps + 1)], t[np.append(gaps, len(t) - 1)]
     part = np.searchsorted(starts, t, "right") - 1
     return (t - half_width_ns >= starts[part]) & (t + half_width_ns <= ends[part])
 
 
-def find_still_intervals(
-    trajectory, window_s, max_linear_mps, max_angular_radps, trim_s, min_duration_s
-):
-    """(k, 2) starts and ends, ns, of the maximal intervals without motion, trimmed at both ends."""
-    linear, angular = trajectory_speeds(trajectory, window_s)
-    still = (linear < max_linear_mps) & (angular < max_angular_radps)
-    edges = np.diff(np.concatenate([[False], still, [False]]).astype(int))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    trim = round(trim_s * NS_PER_S)
-    spans = np.column_stack(
-        [trajectory.stamps_ns[starts] + trim, trajectory.stamps_ns[ends] - trim]
-    )
-    return spans[spans[:, 1] - spans[:, 0] >= min_duration_s * NS_PER_S].reshape(-1, 2)
+def find_still_intervals(trajectory: Trajectory, limits: StillnessLimits) -> np.ndarray:
+    """Return starts and ends (k, 2), ns, of the maximal still intervals, trimmed at both ends."""
+    linear, angular = trajectory_speeds(trajectory, limits.window_s)
+    is_still = (linear < limits.max_linear_mps) & (angular < limits.max_angular_radps)
+    trim_ns = round(limits.trim_s * NS_PER_S)
+    intervals = trajectory.stamps_ns[find_runs(is_still)] + [trim_ns, -trim_ns]
+    is_long = intervals[:, 1] - intervals[:, 0] >= limits.min_duration_s * NS_PER_S
+    return intervals[is_long].reshape(-1, 2)
 
 
-def fit_residual_drift(stamps_ns, deviations):
-    """Slope (6,), per s, of deviations deviations (n, 6) from a mean pose over stamps_ns (n,), ns."""
+def fit_residual_drift(stamps_ns: np.ndarray, deviations: np.ndarray) -> np.ndarray:
+    """Return the slope (6,), per s, of deviations (n, 6) from a mean pose over stamps_ns (n,)."""
     s = (stamps_ns - stamps_ns.mean()) / NS_PER_S
     return s @ deviations / max(s @ s, 1e-300)
 
 
-def count_effective_samples(deviations):
-    """Number of independent samples among deviations deviations (n, k), from their autocorrelation.
+def count_effective_samples(deviations: np.ndarray) -> float:
+    """Return the number of independent samples among deviations (n, k), by their autocorrelation.
 
-    Sum of the correlations up to the first that is not positive (Geyer's initial sequence, cut
-    early), averaged over the components weighted by their variance.
+    Correlations are summed up to the first that is not positive (Geyer's initial sequence, cut
+    early), averaged over the components with their variances as weights.
     """
     n = len(deviations)
     power = (deviations * deviations).sum()

@@ -232,15 +232,15 @@ MOCAP_FAULTS = {
         "× stamp in a burst", send_in_bursts,
     ),
     "no_stamps": FaultCase(
-        "no stamps: log times are used, 4 to 6 ms late", "log time: messages without a stamp",
+        "no stamps: log times are used, 4 to 6 ms late", "log time: most messages have no stamp",
         change_pose_stamps(lambda t, i: 0),
     ),
     "stamps_stand_still": FaultCase(
-        "one stamp for all", "log time: stamps that do not go on",
+        "one stamp for all", "log time: most stamps do not increase",
         change_pose_stamps(lambda t, i: SIMULATION_START_NS),
     ),
     "another_clock": FaultCase(
-        "stamps of a clock that is an hour behind the log's", "moved by",
+        "stamps of a clock that is an hour behind the log's", "shifted by",
         change_pose_stamps(lambda t, i: t - 3600 * NS_PER_S),
     ),
     "late_clock": FaultCase(
@@ -270,7 +270,7 @@ MOCAP_FAULTS = {
         drop_rows(lambda row, i: row[1] == TF_TOPIC),
     ),
     "another_map": FaultCase(
-        "poses in another frame than the rig's map", "which nothing connects to",
+        "poses in another frame than the rig's map", "has no transform to",
         damage_transforms(change_map_frame),
     ),
     "target_knocked": FaultCase(

@@ -6,11 +6,11 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from calib.decoding.body_tracks import bodies_in_map
 from calib.decoding.stream_clocks import StreamClock, match_streams_to_log
 from calib.geometry.se3 import make_pose, pose_from_rpy, pose_from_xyz_quat, pose_to_quat, se3_exp
 from calib.io.logs.ros_messages import IMAGE_TYPE, make_tf_message
 from calib.io.stage_cli import write_json
-from calib.mocap.body_frame_chains import bodies_in_map
 from calib.mocap.messages.pose_messages import POSE_READERS
 from calib.mocap.pose_conventions import to_si_xyzw
 from calib.mocap.pose_faults import flag_poses
@@ -209,7 +209,7 @@ def test_millimetres_are_taken_as_such_and_told():
     _, xyz, quat = moving()
     taken, words = to_si_xyzw(edges(1000 * xyz, quat))
     assert taken[MAP_FRAME, ROBOT_BODY]["xyz"] == pytest.approx(xyz)
-    assert [w.split(":")[0] for w in words] == ["millimetres, taken as such"]
+    assert [w.split(":")[0] for w in words] == ["positions read as millimetres"]
     assert to_si_xyzw(edges(xyz, quat))[1] == []
 
 
@@ -226,7 +226,7 @@ def test_quaternions_as_wxyz_are_put_right_where_a_robot_drives():
     xyz, quat = driving()
     taken, words = to_si_xyzw(edges(xyz, np.roll(quat, 1, axis=1)))
     assert taken[MAP_FRAME, ROBOT_BODY]["quat"] == pytest.approx(quat)
-    assert [w.split(":")[0] for w in words] == ["quaternions as wxyz, taken as such"]
+    assert [w.split(":")[0] for w in words] == ["quaternions read as w, x, y, z"]
     assert to_si_xyzw(edges(xyz, quat))[1] == []
 
 
@@ -235,7 +235,7 @@ def test_quaternions_that_may_be_wxyz_are_told_where_a_robot_hardly_moves():
     T = se3_exp(xi)
     xyz, quat = T[:, :3, 3], pose_to_quat(T)
     taken, words = to_si_xyzw(edges(xyz, np.roll(quat, 1, axis=1)))
-    assert [w.split(":")[0] for w in words] == ["quaternions may be wxyz, taken as xyzw"]
+    assert [w.split(":")[0] for w in words] == ["quaternion order may be w, x, y, z"]
     assert (
         ROBOT_BODY in words[0]
         and (taken[MAP_FRAME, ROBOT_BODY]["quat"] == np.roll(quat, 1, axis=1)).all()
@@ -272,7 +272,7 @@ def test_stamps_near_the_log_s_times_stay_as_they_are():
 def test_a_clock_far_from_the_log_s_is_moved_onto_it():
     clocks = told({"/tf": 3600 * S, "lidar": 120 * NS_PER_MS})
     assert clocks["/tf"].shift_ns == pytest.approx(3600 * S, abs=3 * NS_PER_MS)
-    assert clocks["/tf"].stamp_source == "header, moved by +3600.001 s onto the log's clock"
+    assert clocks["/tf"].stamp_source == "header, shifted by +3600.001 s to the log's clock"
     assert clocks["lidar"].shift_ns == 0
 
 
@@ -292,8 +292,8 @@ def test_log_times_stand_for_stamps_that_are_missing_or_stand_still():
     clocks = match_streams_to_log(
         {"a": (np.full(50, -1), log_t), "b": (np.full(50, CONTAINER_START_NS), log_t)}
     )
-    assert clocks["a"].stamp_source == "log time: messages without a stamp"
-    assert clocks["b"].stamp_source == "log time: stamps that do not go on"
+    assert clocks["a"].stamp_source == "log time: most messages have no stamp"
+    assert clocks["b"].stamp_source == "log time: most stamps do not increase"
     for clock in clocks.values():
         assert (
             clock.message_times_ns(np.full(50, -1), log_t) == log_t
@@ -327,7 +327,9 @@ def twist(t, xi):
 
 def composed(found, static, body="body", gap=50 * NS_PER_MS):
     blocks = {e: {"xyz_m": T[:3, 3], "quat_xyzw": pose_to_quat(T)} for e, T in static.items()}
-    return bodies_in_map(found, blocks, MAP_FRAME, [body], gap).get(body)
+    return bodies_in_map(
+        found, blocks, map_frame=MAP_FRAME, wanted_bodies=[body], max_gap_ns=gap
+    ).get(body)
 
 
 UP = make_pose(t=[0, 0, 1.5])
@@ -441,7 +443,7 @@ def test_a_body_that_is_not_seen_to_the_end_has_a_gap_there(tmp_path):
 @pytest.mark.parametrize(
     "mocap, said",
     [
-        ({"map": "vicon"}, "it is given in world, which nothing connects to vicon"),
+        ({"map": "vicon"}, "its parent frame world has no transform to vicon"),
         ({"topics": ["/image"]}, "/image carries sensor_msgs/msg/Image"),
         ({"topics": {"/points": ROBOT_BODY}}, "/points carries sensor_msgs/msg/PointCloud2"),
     ],
@@ -478,7 +480,7 @@ def test_messages_that_cannot_be_read_are_counted_and_the_others_are_taken(tmp_p
     poses, frames, audit = decode_tables(str(path), options)
     assert (poses["body"] == ROBOT_BODY).sum() == 17 and (frames["sensor"] == "camera").sum() == 7
     (fault,) = audit["faults"]
-    assert fault.startswith("3 messages of /tf could not be read and were left out: ")
+    assert fault.startswith("3 messages of /tf could not be read and are left out: ")
     assert "a message of tf2_msgs/msg/TFMessage cannot be read (" in fault
 
 

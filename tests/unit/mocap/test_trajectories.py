@@ -18,7 +18,12 @@ from calib.geometry.se3 import (
 from calib.geometry.units import NS_PER_S
 from calib.mocap.body_trajectory import Trajectory, relative_trajectory, trajectory_from_columns
 from calib.mocap.pose_faults import flag_poses
-from calib.mocap.stillness import count_effective_samples, find_still_intervals, trajectory_speeds
+from calib.mocap.stillness import (
+    StillnessLimits,
+    count_effective_samples,
+    find_still_intervals,
+    trajectory_speeds,
+)
 from helpers.real_data import find_shared_data
 
 MS = 1_000_000
@@ -45,9 +50,14 @@ def noisy(trajectory, seed=0, sigma=NOISE):
 
 def still(trajectory, trim_s=0.1, min_duration_s=0.3):
     """Still intervals, s, with the limits of the default config."""
-    spans = find_still_intervals(
-        trajectory, WINDOW_S, MAX_LINEAR, MAX_ANGULAR, trim_s, min_duration_s
+    limits = StillnessLimits(
+        window_s=WINDOW_S,
+        max_linear_mps=MAX_LINEAR,
+        max_angular_radps=MAX_ANGULAR,
+        trim_s=trim_s,
+        min_duration_s=min_duration_s,
     )
+    spans = find_still_intervals(trajectory, limits)
     return spans / NS_PER_S
 
 
@@ -440,7 +450,14 @@ def test_tum_vi_room1_has_27_gaps_longer_than_two_periods_and_no_fault():
 
 def test_no_still_interval_of_tum_vi_room1_spans_a_gap():
     body, _ = loaded("tum_vi_room1.txt", 0.05)
-    spans = find_still_intervals(body, WINDOW_S, 0.05, np.radians(5), 0.0, 0.0)
+    limits = StillnessLimits(
+        window_s=WINDOW_S,
+        max_linear_mps=0.05,
+        max_angular_radps=np.radians(5),
+        trim_s=0.0,
+        min_duration_s=0.0,
+    )
+    spans = find_still_intervals(body, limits)
     gaps = body.stamps_ns[:-1][np.diff(body.stamps_ns) > body.max_gap_ns]
     assert len(spans) and len(gaps) == 7
     assert not any(((spans[:, 0] <= g) & (g < spans[:, 1])).any() for g in gaps)

@@ -1,31 +1,34 @@
-"""One pose of one body, as motion capture says it."""
+"""One pose of one body, as a message of motion capture states it."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from calib.geometry.units import NS_PER_S
+from calib.io.logs.message_headers import header_stamp_ns
 
 
 class MocapPose(NamedTuple):
-    """T_parent_body: xyz and quat (xyzw) as the message says them, in its unit.
+    """T_parent_body as in the message: xyz in its unit, quat in its order.
 
-    t: stamp, ns, None where there is none. parent "" is the map, body "" is named by the topic.
-    several: whether the message may name more bodies than one.
+    parent: "" is the map; body: "" is named by the topic; stamp_ns: None if it was never set;
+    is_multi_body: whether messages of this type may name several bodies.
     """
 
     parent: str
     body: str
     stamp_ns: int | None
-    xyz: tuple
-    quat: tuple
+    xyz: tuple[float, ...]
+    quat: tuple[float, ...]
     is_multi_body: bool = True
 
 
-def stamp_ns_or_none(header):
-    """The stamp of a ROS header, ns; None where it was never set."""
-    return header.stamp.sec * NS_PER_S + header.stamp.nanosec or None
-
-
-def to_xyz_and_quat(position, orientation):
-    """xyz and xyzw of a position (or translation) and an orientation (or rotation)."""
-    p, q = position, orientation
-    return (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+def make_mocap_pose(
+    header: Any, body: str, *, position: Any, orientation: Any, is_multi_body: bool = True
+) -> MocapPose:
+    """Return the pose of a std_msgs/Header, a Point or Vector3, and a Quaternion."""
+    return MocapPose(
+        parent=header.frame_id,
+        body=body,
+        stamp_ns=header_stamp_ns(header) or None,
+        xyz=(position.x, position.y, position.z),
+        quat=(orientation.x, orientation.y, orientation.z, orientation.w),
+        is_multi_body=is_multi_body,
+    )

@@ -1,10 +1,14 @@
-"""Motion capture messages: which types carry poses of bodies, and how.
+"""Registry of the message types that carry poses of bodies.
 
-To add a type: a function of the message that gives its Poses, in the file of its family, and one
-line in TYPES.
+To add a type: write a function that follows PoseReader, in the file of its family, and add a line
+to POSE_READERS.
 """
 
+from typing import Any, Protocol
+
+from calib.io.logs.log_message import LogMessage
 from calib.io.status import InputError, summarize_error
+from calib.mocap.messages.body_pose import MocapPose
 from calib.mocap.messages.named_bodies import read_named_poses, read_rigid_bodies
 from calib.mocap.messages.single_pose import (
     read_odometry,
@@ -14,8 +18,17 @@ from calib.mocap.messages.single_pose import (
 from calib.mocap.messages.tf import read_tf_message, read_transform_stamped
 from calib.mocap.messages.vicon import read_vicon_position
 
-MAX_STAMP_NS = 1 << 62  # ns
-POSE_READERS = {
+MAX_STAMP_NS = 1 << 62
+
+
+class PoseReader(Protocol):
+    """Reads the poses of the decoded messages of one type."""
+
+    def __call__(self, content: Any, /) -> list[MocapPose]:
+        """Return the poses as the message states them."""
+
+
+POSE_READERS: dict[str, PoseReader] = {
     "tf2_msgs/msg/TFMessage": read_tf_message,
     "tf/msg/tfMessage": read_tf_message,
     "geometry_msgs/msg/TransformStamped": read_transform_stamped,
@@ -29,21 +42,22 @@ POSE_READERS = {
 }
 
 
-def read_poses(message):
-    """The Poses of a Message of one of TYPES; raises InputError where it cannot be read."""
+def read_poses(message: LogMessage) -> list[MocapPose]:
+    """Return the poses of a message of a type in POSE_READERS; raises InputError if unreadable."""
     content = message.content
     try:
         return [_check_pose(pose) for pose in POSE_READERS[message.type](content)]
     except (AttributeError, TypeError, ValueError, OverflowError) as error:
         raise InputError(
-            f"a message of {message.type} has other fields than that type ({summarize_error(error)})"
+            f"a message of {message.type} does not have the fields of that type "
+            f"({summarize_error(error)})"
         ) from error
 
 
-def _check_pose(pose):
-    """The Pose, if a definition of the log's own made its fields what they should be."""
+def _check_pose(pose: MocapPose) -> MocapPose:
+    """Return the pose if its fields have the types and ranges they should have."""
     if not (isinstance(pose.parent, str) and isinstance(pose.body, str)):
-        raise TypeError("names that are no text")
+        raise TypeError("names that are not text")
     if pose.stamp_ns is not None and not -MAX_STAMP_NS < pose.stamp_ns < MAX_STAMP_NS:
-        raise ValueError("a stamp beyond all times")
+        raise ValueError("a stamp out of range")
     return pose._replace(xyz=tuple(map(float, pose.xyz)), quat=tuple(map(float, pose.quat)))

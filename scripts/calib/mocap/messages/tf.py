@@ -1,21 +1,25 @@
-"""Transforms of tf: every child frame is a body."""
+"""Messages of tf: every child frame is a body."""
 
-from calib.mocap.messages.body_pose import MocapPose, stamp_ns_or_none, to_xyz_and_quat
+from typing import Any
 
-
-def read_tf_message(content):
-    """Poses of a TFMessage."""
-    return [_make_pose(item, True) for item in content.transforms]
+from calib.mocap.messages.body_pose import MocapPose, make_mocap_pose
 
 
-def read_transform_stamped(content):
-    """The pose of a TransformStamped."""
-    return [_make_pose(content, False)]
+def read_tf_message(content: Any) -> list[MocapPose]:
+    """Return the poses of a TFMessage."""
+    return [_make_pose(item, is_multi_body=True) for item in content.transforms]
 
 
-def _make_pose(item, is_multi_body):
-    values = to_xyz_and_quat(item.transform.translation, item.transform.rotation)
-    header = item.header
-    return MocapPose(
-        header.frame_id, item.child_frame_id, stamp_ns_or_none(header), *values, is_multi_body
+def read_transform_stamped(content: Any) -> list[MocapPose]:
+    """Return the pose of a TransformStamped."""
+    return [_make_pose(content, is_multi_body=False)]
+
+
+def _make_pose(item: Any, is_multi_body: bool) -> MocapPose:
+    return make_mocap_pose(
+        item.header,
+        item.child_frame_id,
+        position=item.transform.translation,
+        orientation=item.transform.rotation,
+        is_multi_body=is_multi_body,
     )
