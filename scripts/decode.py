@@ -1,45 +1,70 @@
-"""What a log holds: poses of the motion capture, one row per sensor message, and an audit.
+"""Reads a log once: poses of motion capture, one row per sensor message, and an audit.
 
-Reads   the log, in one pass through its index; no payload of a sensor is kept
-Writes  mocap.parquet   every pose of every body as recorded, with a fault where it has one
+Reads   the log, through its index; images and clouds are not kept
+Writes  mocap.parquet   every pose of every body as recorded, with its fault if it has one
         frames.parquet  every message of every sensor: stamp, log time, size, place in the log
-        log.json        topics, rates, gaps, clocks, static transforms, what could not be read, and
-                        a status per body and sensor; what the fields of a lidar's clouds mean, and
-                        the lens by a CameraInfo
-Decides nothing about quality: a missing topic or body becomes a status, and the rest goes on.
+        log.json        topics, rates, gaps, clocks, static transforms, read errors, the layout of
+                        lidar clouds, the lens by the CameraInfo, and a status per body and sensor
+Decides nothing about quality: a missing topic or body becomes a status, and the stage continues.
 """
 
 import argparse
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 from calib.decoding.body_tracks import audit_body, build_mocap_columns
-from calib.decoding.decoded_log import build_frame_columns, decode_log, infer_stream_clocks
+from calib.decoding.decoded_log import (
+    DecodedLog,
+    build_frame_columns,
+    decode_log,
+    infer_stream_clocks,
+)
 from calib.decoding.sensor_audit import audit_sensor, describe_unreadable_messages
-from calib.io.logs.open_log import open_log
-from calib.io.parquet_tables import write_table
+from calib.decoding.stream_clocks import StreamClock
+from calib.io.logs.open_log import RecordedLog, open_log
+from calib.io.parquet_tables import Columns, write_table
 from calib.io.stage_cli import StageArgumentParser, logger, run_stage, write_json
 from calib.io.table_schemas import FRAMES_SCHEMA, MOCAP_SCHEMA
 
 
-def build_log_audit(options, log, recording, clocks, decoded_tables):
-    """The content of log.json; decoded_tables: columns of mocap.parquet and of frames.parquet, and what
-    was found about each topic of motion capture, in words."""
-    poses, frames, words = decoded_tables
-    mocap = options["mocap"]
+class DecodedTables(NamedTuple):
+    """Columns of mocap.parquet and frames.parquet; mocap_notes: {topic: what was inferred}."""
+
+    poses: Columns
+    frames: Columns
+    mocap_notes: dict[str, list[str]]
+
+
+def build_log_audit(
+    options: dict[str, Any],
+    log: RecordedLog,
+    decoded: DecodedLog,
+    clocks: dict[str, StreamClock],
+    tables: DecodedTables,
+) -> dict[str, Any]:
+    """Return the content of log.json."""
     sensors = {
-        name: audit_sensor(name, recording, log.topics, frames, clocks)
+        name: audit_sensor(name, decoded, log.topics, tables.frames, clocks)
         for name in sorted(options["sensors"])
+    }
+    bodies = {
+        name: audit_body(tables.poses, name, decoded, log, options["mocap"])
+        for name in options["bodies"]
+    }
+    mocap = {
+        topic: clocks[topic].to_dict() | {"found": notes}
+        for topic, notes in sorted(tables.mocap_notes.items())
     }
     return {
         "fingerprint": options["fingerprint"],
-        "faults": [*log.read_errors, *describe_unreadable_messages(recording)],
+        "faults": [*log.read_errors, *describe_unreadable_messages(decoded)],
         "topics": {k: {"type": t, "messages": n} for k, (t, n) in sorted(log.topics.items())},
-        "mocap": {t: clocks[t].to_dict() | {"found": found} for t, found in sorted(words.items())},
-        "bodies": {n: audit_body(poses, n, recording, log, mocap) for n in options["bodies"]},
+        "mocap": mocap,
+        "bodies": bodies,
         "sensors": sensors,
         "static": [
             {"parent": parent, "child": child, "T": T}
-            for (parent, child), T in sorted(recording.static_transforms.items())
+            for (parent, child), T in sorted(decoded.static_transforms.items())
         ],
     }
 
@@ -52,32 +77,35 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
-def main(argv=None):
+def _log_audit(audit: dict[str, Any]) -> None:
+    """Log the faults of a log, what was inferred of its sensors, and failed statuses."""
+    for fault in audit["faults"]:
+        logger.warning("%s", fault)
+    for name, sensor in audit["sensors"].items():
+        for quantity, text in sensor.get("inferred", {}).items():
+            logger.info("%s: %s: %s", name, quantity, text)
+    for name, block in (audit["bodies"] | audit["sensors"]).items():
+        if not block["status"]["ok"]:
+            logger.warning("%s: %s", name, block["status"]["reason"])
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the stage."""
     args = _parse_arguments(argv)
     options = args.options
     log = open_log(options["log"])
-    recording = decode_log(log, options)
-    clocks = infer_stream_clocks(recording)
-    poses, words = build_mocap_columns(recording, clocks, options["mocap"])
-    frames = build_frame_columns(recording.frame_rows, clocks)
-    found = build_log_audit(options, log, recording, clocks, (poses, frames, words))
-    write_table(
-        args.mocap,
-        MOCAP_SCHEMA,
-        poses,
-        notes={"topics": recording.streams.topics_by_frame()},
-    )
+    decoded = decode_log(log, options)
+    clocks = infer_stream_clocks(decoded)
+    poses, mocap_notes = build_mocap_columns(decoded, clocks, options["mocap"])
+    frames = build_frame_columns(decoded.frame_rows, clocks)
+    tables = DecodedTables(poses, frames, mocap_notes)
+    audit = build_log_audit(options, log, decoded, clocks, tables)
+    topics_by_frame = decoded.streams.topics_by_frame()
+    write_table(args.mocap, MOCAP_SCHEMA, poses, notes={"topics": topics_by_frame})
     write_table(args.frames, FRAMES_SCHEMA, frames)
-    write_json(args.audit, found)
+    write_json(args.audit, audit)
     logger.info("%d poses, %d frames", len(poses["stamp_ns"]), len(frames["stamp_ns"]))
-    for fault in found["faults"]:
-        logger.warning("%s", fault)
-    for name, about in found["sensors"].items():
-        for what, words in about.get("inferred", {}).items():
-            logger.info("%s: %s: %s", name, what, words)
-    for name, about in (found["bodies"] | found["sensors"]).items():
-        if not about["status"]["ok"]:
-            logger.warning("%s: %s", name, about["status"]["reason"])
+    _log_audit(audit)
 
 
 if __name__ == "__main__":

@@ -1,23 +1,24 @@
-"""When a target is still relative to the robot, and when it moves.
+"""Finds the intervals in which a target is still relative to the robot, and those between.
 
 Reads   mocap.parquet, log.json
 Writes  placements.parquet: maximal still intervals per target, trimmed at both ends, with the mean
         T_robot_body over the interval and its covariance; and the intervals between, marked moving
-Decides by linear and angular speed over a window, from the MCS alone.
+Decides by linear and angular speed over a window, from motion capture alone.
 """
 
 import argparse
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from calib.geometry.se3 import adjoint, invert_pose, mean_pose, pose_to_quat
-from calib.io.parquet_tables import read_table, write_table
+from calib.io.parquet_tables import Columns, read_table, write_table
 from calib.io.pose_block import pose_sigma_from_config
 from calib.io.stage_cli import StageArgumentParser, logger, read_json, run_stage
 from calib.io.status import OK, Status, failure_status
 from calib.io.table_schemas import MOCAP_SCHEMA, PLACEMENTS_SCHEMA
-from calib.mocap.body_trajectory import relative_trajectory, trajectory_from_columns
+from calib.mocap.body_trajectory import Trajectory, relative_trajectory, trajectory_from_columns
 from calib.mocap.stillness import (
     StillnessLimits,
     count_effective_samples,
@@ -26,8 +27,13 @@ from calib.mocap.stillness import (
 )
 
 
-def average_still_pose(trajectory, interval_ns, pose_sigma):
-    """Mean pose of a interval_ns (start, end), ns, and how far it can be trusted, as columns."""
+def average_still_pose(
+    trajectory: Trajectory, interval_ns: Sequence[int] | np.ndarray, pose_sigma: np.ndarray
+) -> dict[str, Any]:
+    """Return the mean pose over a still interval and its covariance, as columns.
+
+    interval_ns: start and end; pose_sigma: (6,) σ of one MCS pose, m and rad.
+    """
     rows = (trajectory.stamps_ns >= interval_ns[0]) & (trajectory.stamps_ns <= interval_ns[1])
     mean, xi = mean_pose(trajectory.poses[rows])
     prior = single_pose_covariance(mean, pose_sigma)
@@ -45,19 +51,16 @@ def average_still_pose(trajectory, interval_ns, pose_sigma):
     }
 
 
-def single_pose_covariance(T_robot_body, sigma):
-    """(6, 6) of one T_robot_body when both bodies' poses err by sigma (6,)."""
+def single_pose_covariance(T_robot_body: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Return the covariance (6, 6) of one T_robot_body if both bodies' poses err by sigma (6,)."""
     A = adjoint(invert_pose(T_robot_body))
     return np.diag(sigma**2) + A @ np.diag(sigma**2) @ A.T
 
 
-def middle_moving_pose(trajectory, interval_ns):
-    """The pose nearest the middle of a moving span, as columns: not averaged, not to be trusted."""
-    T = trajectory.poses[
-        np.abs(
-            trajectory.stamps_ns - (interval_ns[0] + (interval_ns[1] - interval_ns[0]) // 2)
-        ).argmin()
-    ]
+def middle_moving_pose(trajectory: Trajectory, interval_ns: np.ndarray) -> dict[str, Any]:
+    """Return the pose nearest to the middle of a moving interval, as columns without covariance."""
+    middle_ns = interval_ns[0] + (interval_ns[1] - interval_ns[0]) // 2
+    T = trajectory.poses[np.abs(trajectory.stamps_ns - middle_ns).argmin()]
     return {
         "xyz": T[:3, 3],
         "quat": pose_to_quat(T),
@@ -69,16 +72,19 @@ def middle_moving_pose(trajectory, interval_ns):
     }
 
 
-def find_moving_intervals(still_intervals, t):
-    """(k, 2) what lies between spans, from the first to the last of the times t."""
-    if len(t) == 0:
+def find_moving_intervals(still_intervals: np.ndarray, stamps_ns: np.ndarray) -> np.ndarray:
+    """Return the intervals (k, 2), ns, between still ones, from the first to the last stamp."""
+    if len(stamps_ns) == 0:
         return np.zeros((0, 2), np.int64)
-    edges = np.concatenate([[t[0]], still_intervals.reshape(-1), [t[-1]]]).reshape(-1, 2)
+    edges = np.concatenate([stamps_ns[:1], still_intervals.reshape(-1), stamps_ns[-1:]])
+    edges = edges.reshape(-1, 2)
     return edges[edges[:, 1] > edges[:, 0]]
 
 
-def find_target_placements(target, trajectory, options, pose_sigma):
-    """Rows of one target, in order of time."""
+def find_target_placements(
+    target: str, trajectory: Trajectory, options: dict[str, Any], pose_sigma: np.ndarray
+) -> list[dict[str, Any]]:
+    """Return the rows of placements.parquet of one target, by time; options: block `gate`."""
     limits = StillnessLimits(
         window_s=options["window_s"],
         max_linear_mps=options["max_linear_mps"],
@@ -87,14 +93,14 @@ def find_target_placements(target, trajectory, options, pose_sigma):
         min_duration_s=options["min_duration_s"],
     )
     still = find_still_intervals(trajectory, limits)
-    rows = [("still", s, average_still_pose(trajectory, s, pose_sigma)) for s in still]
-    rows += [
-        ("moving", s, middle_moving_pose(trajectory, s))
-        for s in find_moving_intervals(still, trajectory.stamps_ns)
+    moving = find_moving_intervals(still, trajectory.stamps_ns)
+    placements = [("still", s, average_still_pose(trajectory, s, pose_sigma)) for s in still]
+    placements += [("moving", s, middle_moving_pose(trajectory, s)) for s in moving]
+    rows = [
+        {"target": target, "kind": kind, "start_ns": interval[0], "end_ns": interval[1]} | pose
+        for kind, interval, pose in placements
     ]
-    head = [{"target": target, "kind": k, "start_ns": s[0], "end_ns": s[1]} for k, s, _ in rows]
-    merged = [h | r[2] for h, r in zip(head, rows, strict=True)]
-    return sorted(merged, key=lambda r: r["start_ns"])
+    return sorted(rows, key=lambda r: r["start_ns"])
 
 
 def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -105,7 +111,8 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
-def main(argv=None):
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run the stage."""
     args = _parse_arguments(argv)
     options = args.options
     columns, _, _ = read_table(args.mocap, MOCAP_SCHEMA)
@@ -122,15 +129,18 @@ def main(argv=None):
         notes[target] = still_target_status(audit, options["body"], body, still).to_dict()
         logger.info("%s: %d still intervals of %d", target, len(still), len(found))
     status = Status.from_dict(audit[options["body"]]["status"])
-    # The number of an interval is its row: the still ones come first, as people count them.
+    # The number of a placement is its row. Still ones come first, because people count these.
     rows.sort(key=lambda r: r["kind"] != "still")
-    table = {k: [r[k] for r in rows] for k in PLACEMENTS_SCHEMA.names if k != "placement"}
+    names = [k for k in PLACEMENTS_SCHEMA.names if k != "placement"]
+    table: Columns = {k: [r[k] for r in rows] for k in names}
     table["placement"] = np.arange(len(rows))
     write_table(args.output, PLACEMENTS_SCHEMA, table, status, notes)
 
 
-def still_target_status(audit, robot, body, still_rows):
-    """Why a target has no still interval, or ok."""
+def still_target_status(
+    audit: dict[str, Any], robot: str, body: str, still_rows: list[dict[str, Any]]
+) -> Status:
+    """Return why a target has no still interval, or ok."""
     for name in (robot, body):
         status = Status.from_dict(audit[name]["status"])
         if not status.ok:
@@ -140,7 +150,7 @@ def still_target_status(audit, robot, body, still_rows):
             f"{body} is never still relative to {robot}",
             "0 still intervals",
             "1 or more",
-            "Hold the target still for a second, or raise gate.max_linear_mps.",
+            "Hold the target still for at least 1 s, or increase gate.max_linear_mps.",
         )
     return OK
 

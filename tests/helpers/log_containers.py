@@ -18,7 +18,7 @@ from calib.decoding.decoded_log import build_frame_columns, decode_log, infer_st
 from calib.geometry.se3 import make_pose, pose_to_quat, se3_exp
 from calib.io.logs.open_log import open_log
 from calib.io.logs.ros_messages import CLOUD_TYPE, IMAGE_TYPE, TF_TYPE, make_tf_message
-from decode import build_log_audit
+from decode import DecodedTables, build_log_audit
 from simulation.ros_log import convert_to_ros1, write_rosbags_log
 
 NS_PER_MS = 1_000_000
@@ -423,5 +423,6 @@ def decode_tables(log, options):
     clocks = infer_stream_clocks(recording)
     poses, words = build_mocap_columns(recording, clocks, options["mocap"])
     frames = build_frame_columns(recording.frame_rows, clocks)
-    audit = build_log_audit(options, log, recording, clocks, (poses, frames, words))
+    tables = DecodedTables(poses, frames, words)
+    audit = build_log_audit(options, log, recording, clocks, tables)
     return poses, frames, audit
