@@ -188,9 +188,15 @@ def _reread_messages(
             continue
         read = _message_reader(block, audit["sensors"][name])
         for i in np.flatnonzero(frames["sensor"] == name):
-            place = (int(frames[k][i]) for k in ("file_index", "log_time_ns", "index_at_log_time"))
+            file_index, log_time_ns, index_at_log_time = (
+                int(frames[k][i]) for k in ("file_index", "log_time_ns", "index_at_log_time")
+            )
             try:
-                read(opened.read_message_content(block["topic"], *place))
+                read(
+                    opened.read_message_content(
+                        block["topic"], file_index, log_time_ns, index_at_log_time
+                    )
+                )
             except InputError as error:
                 found.append(str(error))
     return found

@@ -12,25 +12,33 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import Stores, get_typestore
 
-from calib.geometry.se3 import make_pose, pose_to_quat, se3_exp
-from calib.io.logs import ros_messages
+from calib.geometry.se3 import make_pose, se3_exp
 from calib.io.logs.ros_messages import (
     CLOUD_TYPE,
     COMPRESSED_IMAGE_TYPE,
     IMAGE_TYPE,
     LASER_SCAN_TYPE,
+    LIVOX_POINT_TYPE,
     LIVOX_TYPE,
-    NUMPY_TO_POINT_FIELD,
+    ROS2_TYPES,
     TF_TYPE,
     RosMessage,
+    make_compressed_image,
+    make_pointcloud2,
+    make_raw_image,
+    make_ros_header,
+    make_ros_message,
+    make_ros_quaternion,
     make_tf_message,
 )
 from calib.sensors.camera.camera_info import CAMERA_INFO_TYPE
+from calib.sensors.camera.camera_info_message import make_camera_info_message
+from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.images.image_messages import encode_png
 from simulation.ros_log import convert_to_ros1, write_rosbags_log
 
 FUZZ_START_NS, POSE_PERIOD_NS = 1_700_000_000_000_000_000, 10_000_000  # ns
-ROS2_TYPES, ROS1_TYPES = ros_messages.ROS2_TYPES, get_typestore(Stores.ROS1_NOETIC)
+ROS1_TYPES = get_typestore(Stores.ROS1_NOETIC)
 N_POSES = 16
 CHUNK_BYTES = 4000
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
@@ -52,25 +60,14 @@ COMMON_DECODE_OPTIONS = {
 }
 
 
-def _make_message(name: str, /, **fields: Any) -> Any:
-    return ROS2_TYPES.types[name](**fields)
-
-
-def _make_header(t: int, frame: str) -> Any:
-    stamp = _make_message("builtin_interfaces/msg/Time", sec=t // 10**9, nanosec=t % 10**9)
-    return _make_message("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
-
-
 def _pose_message(t: int, T: np.ndarray) -> Any:
-    (x, y, z), q = T[:3, 3].tolist(), pose_to_quat(T).tolist()
-    pose = _make_message(
+    x, y, z = T[:3, 3].tolist()
+    pose = make_ros_message(
         "geometry_msgs/msg/Pose",
-        position=_make_message("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        orientation=_make_message(
-            "geometry_msgs/msg/Quaternion", **dict(zip("xyzw", q, strict=True))
-        ),
+        position=make_ros_message("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=make_ros_quaternion(T),
     )
-    return _make_message(POSE_TYPE, header=_make_header(t, "world"), pose=pose)
+    return make_ros_message(POSE_TYPE, header=make_ros_header(t, "world"), pose=pose)
 
 
 def _image_pixels() -> np.ndarray:
@@ -78,64 +75,43 @@ def _image_pixels() -> np.ndarray:
 
 
 def _image_message(t: int) -> Any:
-    about = {"height": 4, "width": 4, "encoding": "bgr8", "is_bigendian": 0, "step": 12}
-    return _make_message(
-        IMAGE_TYPE, header=_make_header(t, "lens"), **about, data=_image_pixels().reshape(-1)
-    )
+    return make_raw_image(t, "lens", "bgr8", _image_pixels())
 
 
 def _compressed_image_message(t: int) -> Any:
     data = np.frombuffer(encode_png(_image_pixels()), np.uint8)
-    return _make_message(
-        COMPRESSED_IMAGE_TYPE, header=_make_header(t, "lens"), format="png", data=data
-    )
+    return make_compressed_image(t, "lens", "png", data)
 
 
 def _camera_info_message(t: int) -> Any:
-    numbers = {"d": np.zeros(5), "k": np.eye(3).ravel(), "r": np.eye(3).ravel(), "p": np.eye(3, 4)}
-    numbers["k"][[0, 4]] = numbers["p"].reshape(-1)[[0, 5]] = 5.0
-    region = dict.fromkeys(("x_offset", "y_offset", "height", "width"), 0)
-    return _make_message(
-        CAMERA_INFO_TYPE, header=_make_header(t, "lens"), height=4, width=4, distortion_model="plumb_bob",
-        binning_x=0, binning_y=0, **{k: v.ravel() for k, v in numbers.items()},
-        roi=_make_message("sensor_msgs/msg/RegionOfInterest", **region, do_rectify=False),
-    )  # fmt: skip
+    camera = CameraModel("radtan", (5.0, 5.0, 0.0, 0.0), (4, 4))
+    return make_camera_info_message(t, "lens", camera)
 
 
 def _cloud_message(t: int) -> Any:
     layout = np.dtype([("x", "f4"), ("y", "f4"), ("z", "f4"), ("ring", "u2"), ("time", "f4")])
-    points = np.zeros(6, layout)
+    points = np.zeros((1, 6), layout)
     points["x"], points["ring"], points["time"] = 1 + np.arange(6), range(6), np.arange(6) * 1e-3
-    offsets = {k: offset for k, (_, offset, *_) in (layout.fields or {}).items()}
-    fields = [
-        _make_message(
-            "sensor_msgs/msg/PointField", name=k, offset=offset,
-            datatype=NUMPY_TO_POINT_FIELD[layout[k].name], count=1,
-        )
-        for k, offset in offsets.items()
-    ]  # fmt: skip
-    shape = {"height": 1, "width": 6, "point_step": layout.itemsize}
-    shape["row_step"] = 6 * layout.itemsize
-    flags = {"is_bigendian": False, "is_dense": True}
-    about = {"header": _make_header(t, "lidar"), "fields": fields, "data": points.view(np.uint8)}
-    return _make_message(CLOUD_TYPE, **about, **shape, **flags)
+    return make_pointcloud2(t, "lidar", points)
 
 
 def _livox_message(t: int) -> Any:
     points = [
-        _make_message("livox_ros_driver2/msg/CustomPoint", offset_time=i * 1000, x=1.0 + i, y=0.0, z=0.0,
-              reflectivity=9, tag=0, line=i)
+        make_ros_message(
+            LIVOX_POINT_TYPE, offset_time=i * 1000, x=1.0 + i, y=0.0, z=0.0, reflectivity=9, tag=0,
+            line=i,
+        )
         for i in range(4)
     ]  # fmt: skip
-    return _make_message(
-        LIVOX_TYPE, header=_make_header(t, "livox"), timebase=t, point_num=4, lidar_id=1,
+    return make_ros_message(
+        LIVOX_TYPE, header=make_ros_header(t, "livox"), timebase=t, point_num=4, lidar_id=1,
         rsvd=np.zeros(3, np.uint8), points=points,
     )  # fmt: skip
 
 
 def _laser_scan_message(t: int) -> Any:
-    return _make_message(
-        LASER_SCAN_TYPE, header=_make_header(t, "scanner"), angle_min=-1.0, angle_max=1.0,
+    return make_ros_message(
+        LASER_SCAN_TYPE, header=make_ros_header(t, "scanner"), angle_min=-1.0, angle_max=1.0,
         angle_increment=0.5, time_increment=1e-4, scan_time=0.1, range_min=0.1, range_max=100.0,
         ranges=np.arange(5, dtype=np.float32), intensities=np.zeros(0, np.float32),
     )  # fmt: skip

@@ -26,11 +26,7 @@ def build_export_scene(
     Raises InputError if the parent frame is that of a sensor without a pose.
     """
     results, targets = calibration["sensors"], options.get("targets", {})
-    poses = {
-        name: np.array(result["T_robot_sensor"]["matrix"])
-        for name, result in sorted(results.items())
-        if result["T_robot_sensor"] is not None
-    }
+    poses = _collect_sensor_poses(results)
     frames, notes = assign_frame_names({name: results[name]["frame"] for name in poses})
     parent, T_parent_robot = resolve_parent_frame(options, poses, frames)
     notes += rename_parent_duplicates(parent, frames, options)
@@ -62,6 +58,15 @@ def build_export_scene(
         notes=tuple(notes),
         max_views=options["export"]["max_views"],
     )
+
+
+def _collect_sensor_poses(results: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Collect T_robot_sensor (4, 4) of the sensors that have one, by name."""
+    return {
+        name: np.array(result["T_robot_sensor"]["matrix"])
+        for name, result in sorted(results.items())
+        if result["T_robot_sensor"] is not None
+    }
 
 
 def strip_leading_slash(frame: str) -> str:
