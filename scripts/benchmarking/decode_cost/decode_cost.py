@@ -129,15 +129,17 @@ def _decode_cells(row: DecodeCostRow) -> list[str]:
 
 
 def check_decode_goals(rows: list[DecodeCostRow]) -> list[str]:
-    """Sentences on what the Rows do not reach; small logs are held to no time, for most of that is
-    the start of Python."""
+    """Return one sentence for each goal that a row misses.
+
+    Small logs have no goal for the time: most of it is the start of Python.
+    """
     out = []
     for r in rows:
-        name = f"decode of {format_two_digits(r.content_bytes / BYTES_PER_GB)} GB, chunks {r.compression}"
+        size_gb = format_two_digits(r.content_bytes / BYTES_PER_GB)
+        name = f"decode of {size_gb} GB, chunks {r.compression}"
         if r.content_bytes >= BYTES_PER_GB and not r.cpu_ratio <= MAX_CPU_RATIO:
-            out.append(
-                f"{name}: {format_two_digits(r.cpu_ratio)} × mcap's own reader, goal {MAX_CPU_RATIO} ×"
-            )
+            ratio = format_two_digits(r.cpu_ratio)
+            out.append(f"{name}: {ratio} × mcap's own reader, goal {MAX_CPU_RATIO} ×")
         if not r.decode_cost.peak_memory_mb <= MAX_MEMORY_MB:
             out.append(f"{name}: {r.decode_cost.peak_memory_mb} MB, goal {MAX_MEMORY_MB} MB")
     return out

@@ -1,4 +1,4 @@
-"""What became of damaged and hostile input, as Markdown."""
+"""Report what became of damaged and hostile input, as Markdown."""
 
 from collections import Counter
 
@@ -9,8 +9,8 @@ from benchmarking.page.markdown import PageSection, format_markdown_table
 
 MAX_MEMORY_MB = 500  # MB
 
-FUZZ_TEMPLATE = """{count} cases drawn from a seed: a small log of poses, clouds and images in one of
-{containers} containers, some of whose bytes are wrong or missing (*damaged log*) or whose messages
+FUZZ_TEMPLATE = """{count} cases drawn from a seed: a small log of poses, clouds and images in one
+of {containers} containers, some of whose bytes are wrong or missing (*damaged log*) or whose messages
 say what no driver means (*hostile log*); a folder of configs with other values, keys or bytes
 (*config*). A log is decoded, gated and read again as crop reads it.
 

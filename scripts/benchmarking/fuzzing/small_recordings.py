@@ -84,7 +84,7 @@ def _compressed_image_message(t: int) -> Any:
 
 
 def _camera_info_message(t: int) -> Any:
-    camera = CameraModel("radtan", (5.0, 5.0, 0.0, 0.0), (4, 4))
+    camera = CameraModel("radtan", (5.0, 5.0, *[0.0] * 6), (4, 4))
     return make_camera_info_message(t, "lens", camera)
 
 

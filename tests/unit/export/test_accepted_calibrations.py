@@ -241,7 +241,7 @@ def test_a_rig_that_stopped_is_there_with_what_stopped_it_beside_the_healthy(tmp
     results(tmp_path, "robo")
     said = extract_page_text(page(tmp_path, husky=["results/husky/s/decode.log: no such <log>"]))
     assert "husky FAIL results/husky/s/decode.log: no such &lt;log&gt;" in said
-    assert "robo PASS Every limit is kept. 2 1 0" in said
+    assert "robo PASS All sensors are within all limits. 2 1 0" in said
 
 
 def test_a_damaged_history_is_named_on_the_page(tmp_path):

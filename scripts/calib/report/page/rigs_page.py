@@ -1,5 +1,6 @@
 """Context of the page of all rigs: verdict, σ, drift since the last acceptance, repeatability."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ Block = dict[str, Any]  # content of a JSON file or a part of it
 def build_rig_overview(
     calibration: Block,
     verdict: Block,
-    accepted: list[tuple[str, Block]],
+    accepted: Sequence[tuple[str, Block]],
     audits: dict[str, Block | None],
 ) -> Block:
     """Return the overview of one rig.
