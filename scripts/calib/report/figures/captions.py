@@ -1,12 +1,12 @@
 """Captions of the figures: the question, what is drawn, and (from "Good:" on) how to read it."""
 
 STANDARDIZED_HISTOGRAM = (
-    "Does the noise model hold? {n} residuals, rms {rms} σ; {n_beyond} beyond 3 σ (dotted){normal}. "
-    "{good}"
+    "Does the noise model hold? {n} residuals, rms {rms} σ; {n_beyond} beyond 3 σ (dotted)"
+    "{normal}. {good}"
 )
 STANDARDIZED_HISTOGRAM_NORMAL = ", {expected} expected of a normal distribution"
 STANDARDIZED_HISTOGRAM_GOOD = {
-    "signed": "Good: the bars fill the curve. Long tails are outliers; two peaks are a model error.",
+    "signed": "Good: the bars fill the curve. Long tails are outliers; two peaks a model error.",
     "length": "These residuals are lengths, which are never negative. Good: one peak and a tail "
     "that ends soon after it.",
     "board_outline": "A crossing can lie anywhere between two beams, and the scans of a placement "
@@ -22,8 +22,8 @@ PIXEL_RESIDUALS = (
     "{v}) px. Good: one round cloud around zero. A line indicates motion or a time offset."
 )
 PLACEMENT_RMS = (
-    "Is one placement wrong? Good: all near 1 (dashed). If one is far above the others, its target "
-    "moved, or its motion capture poses are wrong."
+    "Is one placement wrong? Good: all near 1 (dashed). If one is far above the others, its "
+    "target moved, or its motion capture poses are wrong."
 )
 PLACEMENT_RMS_SESSIONS = " Vertical lines separate the sessions, in order of name."
 RESIDUAL_VECTORS = (

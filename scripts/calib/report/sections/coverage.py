@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.diagnosis.observability import largest_angle_deg, normals_and_axes
 from calib.geometry.se3 import transform_points
 from calib.io.parquet_tables import concatenate_columns
 from calib.io.table_schemas import RESIDUALS_SCHEMA
@@ -46,8 +47,14 @@ def compute_view_coverage(run: ReportRun, sensor: str) -> ViewCoverage | None:
         view_coordinates = azimuth_elevation_deg(transform_residual_points(run, sensor, inliers))
     cosine = inliers["cos_incidence"][inliers["cos_incidence"] > 0]
     incidence_deg = np.degrees(np.arccos(np.clip(cosine, 0, 1)))
-    normals, axes = collect_target_orientations(run, inliers)
-    return ViewCoverage(view_coordinates, inliers["range_m"], incidence_deg, normals, axes)
+    directions = collect_target_directions(run, inliers)
+    return ViewCoverage(
+        view_coordinates=view_coordinates,
+        range_m=inliers["range_m"],
+        incidence_deg=incidence_deg,
+        normals=directions["normals"],
+        axes=directions["axes"],
+    )
 
 
 def transform_residual_points(run: ReportRun, sensor: str, residuals: Columns) -> np.ndarray:
@@ -67,29 +74,19 @@ def azimuth_elevation_deg(points: np.ndarray) -> np.ndarray:
     return np.degrees(np.column_stack([azimuth, np.arctan2(points[:, 2], horizontal)]))
 
 
-def collect_target_orientations(
-    run: ReportRun, residuals: Columns
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return normals (k, 3) of boards and axes (m, 3) of other targets, one per placement."""
-    normals, axes = [], []
+def collect_target_directions(run: ReportRun, residuals: Columns) -> dict[str, np.ndarray]:
+    """Return {"normals": (k, 3), "axes": (m, 3)} of boards and others, one per placement."""
+    targets, T_robot_target = [], []
     for rows in group_rows_by_pair(residuals["session"], residuals["placement"]):
         session = str(residuals["session"][rows[0]])
-        T_robot_target = run.T_robot_target(session, int(residuals["placement"][rows[0]]))
+        placement = int(residuals["placement"][rows[0]])
         config = run.options["targets"][str(residuals["target"][rows[0]])]
-        if len(target_from_config(config).outline_edges()):
-            normals.append(T_robot_target[:3, 2])
-        else:
-            # An axis has no sign: all are turned into the same half of the sphere.
-            axis = T_robot_target[:3, 0]
-            axes.append(axis if axis[0] >= 0 else -axis)
-    return np.reshape(normals, (-1, 3)), np.reshape(axes, (-1, 3))
-
-
-def max_pairwise_angle_deg(directions: np.ndarray) -> float | None:
-    """Return the largest angle, deg, between two unit vectors (k, 3); None below two."""
-    if len(directions) < 2:
-        return None
-    return float(np.degrees(np.arccos(np.clip(directions @ directions.T, -1, 1)).max()))
+        targets.append(target_from_config(config))
+        T_robot_target.append(run.T_robot_target(session, placement))
+    directions = normals_and_axes(targets, np.array(T_robot_target))
+    # An axis has no sign: all are turned into the same half of the sphere.
+    axes = directions["axes"]
+    return {"normals": directions["normals"], "axes": np.where(axes[:, :1] >= 0, axes, -axes)}
 
 
 def tabulate_view_coverage(
@@ -102,8 +99,8 @@ def tabulate_view_coverage(
     if coverage is None:
         return row
     angles = {
-        "normals": max_pairwise_angle_deg(coverage.normals),
-        "axes": max_pairwise_angle_deg(coverage.axes),
+        "normals": largest_angle_deg(coverage.normals),
+        "axes": largest_angle_deg(coverage.axes),
     }
     texts = [f"{what} {format_number(v, 2)}°" for what, v in angles.items() if v is not None]
     config = run.options["sensors"][sensor]
