@@ -11,6 +11,7 @@ from calib.export.calibrated_scene import ExportScene, ExportSensor, ExportSessi
 from calib.geometry.se3 import invert_pose, pose_from_xyz_quat, transform_points
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.images.image_messages import decode_png
+from calib.targets.target_outline import sample_outline_edges
 from calib.targets.target_shapes import target_from_config
 
 UNCOLORED_BGR = (150, 150, 150)  # of returns that no image shows
@@ -77,11 +78,8 @@ def sample_target_points(scene: ExportScene, session: ExportSession, placement: 
     T_parent_markers = scene.T_parent_robot @ session.T_robot_body
     T_parent_target = T_parent_markers @ T_markers_body @ scene.T_body_target[name]
     target = target_from_config(scene.targets[name])
-    edges = target.outline_edges()
-    if len(edges):
-        fraction = np.linspace(0, 1, N_OUTLINE_POINTS)[:, None]
-        points = np.concatenate([start + fraction * (end - start) for start, end in edges])
-    else:
+    points = sample_outline_edges(target, N_OUTLINE_POINTS)
+    if not len(points):
         points = target.sample_surface(2 * target.bounding_radius / N_OUTLINE_POINTS)
     corners = target.pattern.corners() if target.pattern else np.zeros((0, 3))
     return transform_points(T_parent_target, np.concatenate([points, corners]))

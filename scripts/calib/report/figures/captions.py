@@ -29,9 +29,9 @@ PLACEMENT_RMS_SESSIONS = " Vertical lines separate the sessions, in order of nam
 RESIDUAL_VECTORS = (
     "Do residuals depend on the position in the image? Grey: all residuals, × {gain}. Red: mean of "
     "each cell with {min_count} residuals or more, × {mean_gain}; the longest is {longest} px, and "
-    "{n_beyond} of {n_cells} cells exceed 3 σ of their mean. Good: red arrows are short and random. "
-    "Arrows that rotate or diverge with the radius: a wrong lens model; the same direction "
-    "everywhere: a time offset."
+    "{n_beyond} of {n_cells} cells exceed 3 σ of their mean. Good: red arrows are short and "
+    "random. Arrows that rotate or diverge with the radius: a wrong lens model; the same "
+    "direction everywhere: a time offset."
 )
 RESIDUALS_BY_RING = (
     "Do single beams read too long or too short? Dot: median, bar: 16 to 84 % of the returns of a "
