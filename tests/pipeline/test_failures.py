@@ -133,8 +133,10 @@ def test_a_pattern_that_was_printed_mirrored_says_so_on_the_first_screen(finishe
     run_to_completion(finished_run_copy, VERDICT, "results/sim/report.html")
     sensors = calibration(finished_run_copy)["sensors"]
     status = sensors["camera"]["status"]
-    assert status["reason"] == "camera sees the pattern of board the other way round than stated"
-    assert "px from their places counted from a black first square" in status["found"]
+    assert (
+        status["reason"] == "camera sees the pattern of board the other way round than configured"
+    )
+    assert "px from their places with a black first square" in status["found"]
     assert status["remedy"].startswith("Set first_square of board to black.")
     assert "printed or mounted mirrored" in status["remedy"]
     assert sensors["velodyne"]["T_robot_sensor"] is not None

@@ -1,84 +1,113 @@
-"""Errors that nobody estimates, but that σ must know of (Schmidt 1966: consider covariance)."""
+"""Errors that are not estimated but increase σ (consider covariance, Schmidt 1966)."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from calib.estimation.corrections.base import Correction
 from calib.estimation.corrections.group_linearization import GroupLinearization
 from calib.estimation.corrections.lidar_range_errors import (
     BEAM_RANGES,
     RangeBiasCorrection,
     make_range_corrections,
 )
+from calib.estimation.estimate_state import State
+from calib.estimation.estimation_problem import Setup
 from calib.estimation.nlp.information_matrix import invert_information
-from calib.estimation.nlp.measurement_factor import joint_information
+from calib.estimation.nlp.measurement_factor import Factor, joint_information
 from calib.estimation.pose_chain import (
     deskew_group,
     model_with_corrections,
     prior_means_and_weights,
 )
+from calib.estimation.residuals.assignment import Assignment
+from calib.estimation.solver import EstimationResult
 
 
-def with_consider_covariance(setup, result):
-    """The Result with an information matrix that knows of the errors that nobody estimates."""
+def with_consider_covariance(setup: Setup, result: EstimationResult) -> EstimationResult:
+    """Return the result with its information decreased by the errors that are not estimated."""
     if result.solve_result is None:
         return result
     H, (G, sigma) = result.solve_result.information, unestimated_couplings(setup, result)
-    less = G @ np.linalg.solve(np.diag(sigma**-2.0) + G.T @ invert_information(H) @ G, G.T)
-    return replace(result, solve_result=replace(result.solve_result, information=H - less))
+    loss = G @ np.linalg.solve(np.diag(sigma**-2.0) + G.T @ invert_information(H) @ G, G.T)
+    return replace(result, solve_result=replace(result.solve_result, information=H - loss))
 
 
-def unestimated_couplings(setup, result):
-    """(G (n, q), σ (q,)) of the errors that nobody estimates: second derivatives of the cost by the
-    unknowns and by them, and how large they may be."""
-    found = unestimated_range_errors(setup, result.state)
-    given = setup, result.state, result.assignments, result.solve_result.factors
-    couplings = [np.zeros((setup.n_unknowns, 0)), *(couple_correction(*given, h) for h, _ in found)]
-    return np.hstack(couplings), np.array([sigma for _, sigma in found])
+def unestimated_couplings(setup: Setup, result: EstimationResult) -> tuple[np.ndarray, np.ndarray]:
+    """Return the couplings G (n, q) and σ (q,) of the errors that are not estimated.
+
+    G: second derivatives of the cost by the n unknowns and the q parameters of these errors.
+    """
+    errors = unestimated_range_errors(setup, result.state)
+    G = couple_corrections(
+        setup,
+        result.state,
+        result.assignments,
+        result.solve_result.factors,
+        [correction for correction, _ in errors],
+    )
+    return G, np.array([sigma for _, sigma in errors])
 
 
-def unestimated_variance(setup, result):
-    """(n,) what errors that nobody estimates add to the variances of the unknowns."""
+def unestimated_variance(setup: Setup, result: EstimationResult) -> np.ndarray:
+    """Return the variance (n,) that errors that are not estimated add to each unknown."""
     G, sigma = unestimated_couplings(setup, result)
     if not len(sigma):
         return np.zeros(setup.n_unknowns)
     weight = prior_means_and_weights(setup, result.state)[1]
-    follows = invert_information(joint_information(result.solve_result.factors, weight)) @ G * sigma
-    return np.sum(follows**2, axis=1)
+    information = joint_information(result.solve_result.factors, weight)
+    shift = invert_information(information) @ G * sigma
+    return np.sum(shift**2, axis=1)
 
 
-def unestimated_range_errors(setup, state):
-    """[(Hypothesis, σ)] of what the beams of a lidar may be off by in common, where they were found
-    to err one by one and that is not estimated.
+def unestimated_range_errors(setup: Setup, state: State) -> list[tuple[Correction, float]]:
+    """Return (correction, σ) of the range error common to all beams of each lidar.
 
-    By as much as chance makes of so many errors of that size. Residuals hardly tell it from a lidar
-    farther back: estimated, it would follow whatever else is wrong.
+    Only where the errors of single beams are estimated and the common error is not: σ is that of
+    the mean of so many errors of that size. Residuals hardly distinguish a common range error from
+    a lidar farther away; if it were estimated, it would absorb other errors.
     """
     out = []
-    for h in make_range_corrections(setup):
-        at = setup.correction_slice(BEAM_RANGES, h.subject)
-        if (
-            isinstance(h, RangeBiasCorrection)
-            and at is not None
-            and setup.correction_slice(h.name, h.subject) is None
-        ):
-            theta = state.correction_values[at]
-            # The basis of θ is orthonormal: its squares are those of the errors themselves.
-            out.append((h, np.sqrt(np.sum(theta**2) / len(theta) / (len(theta) + 1))))
+    for correction in make_range_corrections(setup):
+        beams = setup.correction_slice(BEAM_RANGES, correction.subject)
+        is_estimated = setup.correction_slice(correction.name, correction.subject) is not None
+        if isinstance(correction, RangeBiasCorrection) and beams is not None and not is_estimated:
+            theta = state.correction_values[beams]
+            # The basis of θ is orthonormal: the squares are those of the errors of the beams.
+            sigma = np.sqrt(np.sum(theta**2) / len(theta) / (len(theta) + 1))
+            out.append((correction, sigma))
     return out
 
 
-def common_range_sigmas(setup, state) -> dict[str, float]:
-    """Return the σ, m, of the range error common to all beams by lidar, where σ of the pose has it."""
-    return {h.subject: float(sigma) for h, sigma in unestimated_range_errors(setup, state)}
+def common_range_sigmas(setup: Setup, state: State) -> dict[str, float]:
+    """Return the σ, m, of the range error common to all beams, by lidar whose σ includes it."""
+    errors = unestimated_range_errors(setup, state)
+    return {correction.subject: float(sigma) for correction, sigma in errors}
 
 
-def couple_correction(setup, state, assigned, parts, hypothesis):
-    """(n, q): second derivatives of the cost by the unknowns and the numbers of a Hypothesis."""
-    G = np.zeros((setup.n_unknowns, hypothesis.n_values))
-    for g, a, part in zip(setup.groups, assigned, parts, strict=True):
-        if hypothesis.affects(setup, g):
-            seen, model = deskew_group(setup, state, g), model_with_corrections(setup, state, g)
-            view = GroupLinearization(setup, state, model, seen, a, part.J_pose)
-            G[part.columns] += part.cross_information(hypothesis.derivative(view))
-    return G
+def couple_corrections(
+    setup: Setup,
+    state: State,
+    assignments: Sequence[Assignment],
+    factors: Sequence[Factor],
+    corrections: Sequence[Correction],
+) -> np.ndarray:
+    """Return second derivatives (n, q) of the cost by the unknowns and by the corrections.
+
+    assignments, factors: of the groups of the setup, in order.
+    """
+    blocks = [np.zeros((setup.n_unknowns, 0))]
+    for correction in corrections:
+        G = np.zeros((setup.n_unknowns, correction.n_values))
+        for group, assignment, factor in zip(setup.groups, assignments, factors, strict=True):
+            if correction.affects(setup, group):
+                deskewed = deskew_group(setup, state, group)
+                model = model_with_corrections(setup, state, group)
+                linearization = GroupLinearization(
+                    setup, state, model, deskewed, assignment, factor.J_pose
+                )
+                derivative = correction.derivative(linearization)
+                G[factor.columns] += factor.cross_information(derivative)
+        blocks.append(G)
+    return np.hstack(blocks)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.diagnosis.consider_covariance import (
-    couple_correction,
+    couple_corrections,
     unestimated_couplings,
     unestimated_range_errors,
 )
@@ -205,9 +205,8 @@ class RecordedView:
         ]
         parts = linearize_measurements(there, self.nlp, self.state, assigned)
         unknown = unestimated_range_errors(there, self.state)
-        given = there, self.state, assigned, parts
-        G = [np.zeros((there.n_unknowns, 0)), *(couple_correction(*given, h) for h, _ in unknown)]
-        return _marginalize_mocap_errors(parts, np.hstack(G), there)
+        G = couple_corrections(there, self.state, assigned, parts, [c for c, _ in unknown])
+        return _marginalize_mocap_errors(parts, G, there)
 
     def _setup_at_pose(self, T_sensor_target):
         """The Setup of this placement alone, its target at T_sensor_target and its measurements

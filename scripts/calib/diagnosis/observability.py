@@ -1,177 +1,225 @@
-"""Which directions of a sensor's pose the data do not determine, in words, and what would."""
+"""Which directions of a sensor pose the data determine, and which views would improve it."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from calib.estimation.nlp.information_matrix import decompose_information
 from calib.geometry.se3 import mean_pose
+from calib.geometry.units import DEG_PER_RAD, MM_PER_M
 
-UNDETERMINED_SIGMA = 0.5  # m or rad: a direction known no better than this is not known at all
-LEVER_ARM_M = 1.0  # m, at which a turn counts as much as a shift
-PARALLEL_DEG = 10.0  # axes that differ by less have one direction in common
+UNDETERMINED_SIGMA = 0.5  # m or rad: a direction with a larger σ counts as undetermined
+LEVER_ARM_M = 1.0  # distance at which a rotation is compared with a translation
+PARALLEL_DEG = 10.0  # axes that differ by less count as parallel
+MIN_AXIS_COMPONENT = 0.95  # of a direction that is called by the name of one axis
+MIN_BASIS_RATIO = 1e-3  # smallest singular value of a basis over the largest
 AXIS_NAMES = "xyz"
-# Of a target's place in its MCS body, in the order of a twist.
+# Directions of T_body_target, in the order of a twist.
 MOUNT_DIRECTION_NAMES = [
     f"{what} {axis}" for what in ("translation along", "rotation about") for axis in AXIS_NAMES
 ]
-SINGLE_AXIS_DEG = 5.0  # rms: what turns no farther about any other axis turns about one only
+SINGLE_AXIS_DEG = 5.0  # rms: poses that rotate less about every other axis rotate about one only
+MIN_ADVISED_SPREAD_DEG = 30.0  # spread of target directions below which more tilt is advised
+MIN_ADVISED_PLACEMENTS = 3
 GENERAL_ADVICE = (
     "Record placements that differ in that direction: the target tilted to all sides, nearer and "
     "farther, and at the sides of the view."
 )
 
+TargetDirections = dict[str, np.ndarray]  # see normals_and_axes
 
-def find_undetermined_directions(information, n_sensors, sensor):
-    """Directions (k, 6), unit twists of the sensor, that the data leave open.
 
-    All that is no sensor's pose is marginalised; the other sensors are held.
+class PrincipalDirection(NamedTuple):
+    """A principal direction of a pose covariance.
+
+    weights: (6,) of the components of a pose error whose sum has the standard deviation sigma, in
+    `unit`, m or rad.
     """
-    own = np.arange(6 * sensor, 6 * sensor + 6)
+
+    weights: np.ndarray
+    sigma: float
+    unit: str
+
+
+class SharedDirection(NamedTuple):
+    """A unit direction (3,), robot frame, that all targets share, and its name."""
+
+    direction: np.ndarray
+    name: str
+
+
+def find_undetermined_directions(
+    information: np.ndarray, n_sensors: int, sensor_index: int
+) -> np.ndarray:
+    """Return directions (k, 6), unit twists of one sensor, that the data do not determine.
+
+    information: (n, n), sensors first. Unknowns that are no sensor pose are marginalised; the other
+    sensors are held.
+    """
+    own = np.arange(6 * sensor_index, 6 * sensor_index + 6)
     rows = np.concatenate([own, np.arange(6 * n_sensors, len(information))])
-    values, vectors, rounding = decompose_information(information[np.ix_(rows, rows)])
-    root = vectors[:6, ~rounding] / np.sqrt(values[~rounding])
+    values, vectors, is_rounding = decompose_information(information[np.ix_(rows, rows)])
+    root = vectors[:6, ~is_rounding] / np.sqrt(values[~is_rounding])
     variances, directions = np.linalg.eigh(root @ root.T)
-    # What is rounding has no variance at all: its directions come first, the loose ones after.
-    null = vectors[:6, rounding]
+    # Directions without information have no variance either: they come first.
+    null = vectors[:6, is_rounding]
     null = null / np.maximum(np.linalg.norm(null, axis=0), 1e-300)
-    loose = directions[:, variances > UNDETERMINED_SIGMA**2]
-    return _orthonormal_rows(np.hstack([null, loose]))
+    uncertain = directions[:, variances > UNDETERMINED_SIGMA**2]
+    return _orthonormal_rows(np.hstack([null, uncertain]))
 
 
-def _orthonormal_rows(directions):
-    """Orthonormal rows (k, 6) that span the columns of directions (6, m)."""
+def _orthonormal_rows(directions: np.ndarray) -> np.ndarray:
+    """Return orthonormal rows (k, 6) that span the columns of directions (6, m)."""
     if directions.shape[1] == 0:
         return np.zeros((0, 6))
     u, s, _ = np.linalg.svd(directions, full_matrices=False)
-    return u[:, s > 1e-3 * s[0]].T
+    return u[:, s > MIN_BASIS_RATIO * s[0]].T
 
 
-def describe_pose_direction(direction, T_robot_sensor, shared_direction=None):
-    """A unit twist (6,) of the sensor, by the axis of the robot's body that it is nearest to.
+def describe_pose_direction(
+    direction: np.ndarray,
+    T_robot_sensor: np.ndarray,
+    shared_direction: SharedDirection | None = None,
+) -> str:
+    """Return a unit twist (6,) of a sensor as text, by the nearest axis of the robot body.
 
-    shared_direction: (unit direction (3,) in the robot's frame, its name) that all targets share, or None.
+    shared_direction: of all targets, named instead of the axis if the twist is parallel to it.
     """
     R = T_robot_sensor[:3, :3]
-    moves, turns = R @ direction[:3], R @ direction[3:]
-    parts = (("translation along", moves), ("rotation about", turns))
-    kind, part = max(parts, key=lambda item: np.linalg.norm(item[1]))
-    part = part / np.linalg.norm(part)
-    if shared_direction and abs(part @ shared_direction[0]) > np.cos(np.radians(PARALLEL_DEG)):
-        return f"{kind} {shared_direction[1]}, {_describe_robot_axis(shared_direction[0])}"
-    return f"{kind} {_describe_robot_axis(part)}"
+    parts = (
+        ("translation along", R @ direction[:3]),
+        ("rotation about", R @ direction[3:]),
+    )
+    kind, axis = max(parts, key=lambda item: np.linalg.norm(item[1]))
+    axis = axis / np.linalg.norm(axis)
+    if shared_direction:
+        shared, name = shared_direction
+        if abs(axis @ shared) > np.cos(np.radians(PARALLEL_DEG)):
+            return f"{kind} {name}, {_describe_robot_axis(shared)}"
+    return f"{kind} {_describe_robot_axis(axis)}"
 
 
-def _describe_robot_axis(direction):
-    """`z of the robot body`, or with its components where it is none of the axes."""
+def _describe_robot_axis(direction: np.ndarray) -> str:
+    """Return `z of the robot body`, or the components if the direction is not near an axis."""
     axis = int(np.abs(direction).argmax())
-    if abs(direction[axis]) > 0.95:
+    if abs(direction[axis]) > MIN_AXIS_COMPONENT:
         return f"{AXIS_NAMES[axis]} of the robot body"
     # Adding zero turns a rounded -0 into 0.
-    shown = np.round(direction * np.sign(direction[axis]), 2) + 0.0
-    shown = ", ".join(f"{v:.2f}" for v in shown)
-    return f"({shown}) of the robot body, mainly {AXIS_NAMES[axis]}"
+    rounded = np.round(direction * np.sign(direction[axis]), 2) + 0.0
+    components = ", ".join(f"{v:.2f}" for v in rounded)
+    return f"({components}) of the robot body, mainly {AXIS_NAMES[axis]}"
 
 
-def least_certain_direction(sensor_covariance):
-    """The least certain direction of a covariance (6, 6): the weights (6,) of the numbers of a pose
-    whose sum has that σ, the σ, and its unit, m or rad."""
+def principal_directions(sensor_covariance: np.ndarray) -> list[PrincipalDirection]:
+    """Return the six principal directions of a covariance (6, 6), the least certain first.
+
+    Rotations are compared with translations at LEVER_ARM_M.
+    """
     scale = np.repeat([1.0, LEVER_ARM_M], 3)
-    values, vectors = np.linalg.eigh(scale[:, None] * sensor_covariance * scale)
-    twist = vectors[:, -1]
-    turning = np.linalg.norm(twist[3:]) > np.linalg.norm(twist[:3])
-    length = LEVER_ARM_M if turning else 1.0
-    sigma = np.sqrt(max(values[-1], 0.0)) / length
-    return scale * twist / length, float(sigma), "rad" if turning else "m"
+    variances, twists = np.linalg.eigh(scale[:, None] * sensor_covariance * scale)
+    out = []
+    for variance, twist in zip(variances[::-1], twists.T[::-1], strict=True):
+        is_rotation = np.linalg.norm(twist[3:]) > np.linalg.norm(twist[:3])
+        length = LEVER_ARM_M if is_rotation else 1.0
+        sigma = float(np.sqrt(max(variance, 0.0)) / length)
+        unit = "rad" if is_rotation else "m"
+        out.append(PrincipalDirection(scale * twist / length, sigma, unit))
+    return out
 
 
-def describe_least_certain_direction(sensor_covariance, T_robot_sensor):
-    """The least certain direction of a covariance (6, 6), in words, and its σ, m or rad."""
-    weights, sigma, _ = least_certain_direction(sensor_covariance)
-    return describe_pose_direction(weights, T_robot_sensor), sigma
+def least_certain_direction(sensor_covariance: np.ndarray) -> PrincipalDirection:
+    """Return the least certain principal direction of a covariance (6, 6)."""
+    return principal_directions(sensor_covariance)[0]
 
 
-def normals_and_axes(targets, T_robot_target):
-    """{"normals": (k, 3), "axes": (m, 3)}: directions in the robot's frame of the flat and of the
-    round targets of some shapes, at T_robot_target (n, 4, 4)."""
-    flat = np.array([len(s.outline_edges()) > 0 for s in targets], bool)
+def normals_and_axes(targets: Sequence[Any], T_robot_target: np.ndarray) -> TargetDirections:
+    """Return {"normals": (k, 3), "axes": (m, 3)} of flat and of round targets, robot frame.
+
+    targets: n shapes. T_robot_target: (n, 4, 4).
+    """
+    is_flat = np.array([len(t.outline_edges()) > 0 for t in targets], bool)
     T = np.reshape(T_robot_target, (-1, 4, 4))
-    return {"normals": T[flat, :3, 2], "axes": T[~flat, :3, 0]}
+    return {"normals": T[is_flat, :3, 2], "axes": T[~is_flat, :3, 0]}
 
 
-def largest_angle_deg(directions):
-    """Largest angle, deg, between two of some lines (k, 3), at most 90; None of fewer than two."""
+def largest_angle_deg(directions: np.ndarray) -> float | None:
+    """Return the largest angle, deg, between two of k lines (k, 3), at most 90; None if k < 2."""
     if len(directions) < 2:
         return None
     return float(np.degrees(np.arccos(np.clip(np.abs(directions @ directions.T), 0, 1)).max()))
 
 
-def direction_spread_deg(seen):
-    """{"normals", "axes": spread, deg} of what `axes` says, where there are two or more."""
-    found = {k: largest_angle_deg(v) for k, v in seen.items()}
-    return {k: v for k, v in found.items() if v is not None}
+def direction_spread_deg(directions: TargetDirections) -> dict[str, float]:
+    """Return the largest angle, deg, between normals and between axes, where there are two."""
+    angles = {kind: largest_angle_deg(lines) for kind, lines in directions.items()}
+    return {kind: angle for kind, angle in angles.items() if angle is not None}
 
 
-def rotation_spread_deg(T_body):
-    """By how much poses T_body (n, 4, 4), n ≥ 3, turn about their mean: rms (3,), deg, largest
-    first, and the axes of that, rows (3, 3) in the body's frame."""
+def rotation_spread_deg(T_body: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return by how much poses (n, 4, 4), n ≥ 3, rotate about their mean, and about which axes.
+
+    The rms (3,), deg, largest first, and the axes, rows (3, 3) in the body frame.
+    """
     _, xi = mean_pose(T_body)
     _, size, axes = np.linalg.svd(xi[:, 3:], full_matrices=False)
     return np.degrees(size) / np.sqrt(len(xi)), axes
 
 
-def single_rotation_axis(T_body):
-    """The one axis (3,), in the body's frame, about which poses T_body (n, 4, 4), n ≥ 3, differ;
-    None of those that turn about others too, or not at all."""
+def single_rotation_axis(T_body: np.ndarray) -> np.ndarray | None:
+    """Return the axis (3,), body frame, if poses (n, 4, 4), n ≥ 3, rotate about a single one."""
     rms, axes = rotation_spread_deg(T_body)
     return axes[0] if rms[0] > SINGLE_AXIS_DEG > rms[1] else None
 
 
-def shared_direction(seen):
-    """(direction (3,), name) that all targets of `axes` share, or None."""
+def shared_direction(directions: TargetDirections) -> SharedDirection | None:
+    """Return the direction that all targets share, None if there is none."""
     names = {"normals": "the boards' common normal", "axes": "the cylinders' common axis"}
-    found = {k: v for k, v in seen.items() if len(v)}
-    if len(found) != 1:
+    kinds = [kind for kind, lines in directions.items() if len(lines)]
+    if len(kinds) != 1:
         return None
-    ((kind, lines),) = found.items()
-    wide = largest_angle_deg(lines)
-    if wide is not None and wide > PARALLEL_DEG:
+    (kind,) = kinds
+    spread = largest_angle_deg(directions[kind])
+    if spread is not None and spread > PARALLEL_DEG:
         return None
-    return np.linalg.svd(lines)[2][0], names[kind]
+    return SharedDirection(np.linalg.svd(directions[kind])[2][0], names[kind])
 
 
-def advise_views(directions, n_placements, is_lidar):
-    """Which views would determine what is open or loose: a sentence.
+def advise_views(directions: TargetDirections, n_placements: int, is_lidar: bool) -> str:
+    """Return which views would determine undetermined or uncertain directions.
 
-    directions: what `axes` says of the placements used; n_placements: how many; is_lidar: whether the sensor
-    is one, to which a board is a plane with an outline.
+    directions: of the targets in the placements used, whose number is n_placements. For a lidar, a
+    board is only a plane with an outline.
     """
-    if n_placements < 3:
-        return f"Hold a target still in at least 3 different places that it sees; {n_placements} so far."
-    flat, round_ = largest_angle_deg(directions["normals"]), largest_angle_deg(directions["axes"])
-    lone = len(directions["axes"]) and not len(directions["normals"])
-    if lone and (round_ or 0.0) < 30:
+    if n_placements < MIN_ADVISED_PLACEMENTS:
         return (
-            f"All axes of the cylinder lie within {round_ or 0.0:.0f}° of each other: hold it "
+            f"Hold a target still in at least {MIN_ADVISED_PLACEMENTS} different places that the "
+            f"sensor sees; {n_placements} so far."
+        )
+    has_boards, has_cylinders = len(directions["normals"]) > 0, len(directions["axes"]) > 0
+    axis_spread = largest_angle_deg(directions["axes"]) or 0.0
+    if has_cylinders and not has_boards and axis_spread < MIN_ADVISED_SPREAD_DEG:
+        return (
+            f"All axes of the cylinder lie within {axis_spread:.0f}° of each other: hold it "
             "tilted by 30° or more about another axis, in two places at least; more views with "
             "the same tilt do not help."
         )
-    if (
-        is_lidar
-        and len(directions["normals"])
-        and not len(directions["axes"])
-        and (flat or 0.0) < 30
-    ):
+    normal_spread = largest_angle_deg(directions["normals"]) or 0.0
+    only_boards = has_boards and not has_cylinders
+    if is_lidar and only_boards and normal_spread < MIN_ADVISED_SPREAD_DEG:
         return (
-            f"All boards face the same way within {flat or 0.0:.0f}°: turn the board by 20 to 40° "
-            "to the left, to the right, up and down."
+            f"All boards face the same way within {normal_spread:.0f}°: turn the board by 20 to "
+            "40° to the left, to the right, up and down."
         )
     return GENERAL_ADVICE
 
 
-def describe_next_view(best):
-    """What to record next and what it would do, of gain.best_view."""
-    scale, unit = (np.degrees(1), "°") if best["unit"] == "rad" else (1e3, " mm")
-    now, one, four = (f"{best[k] * scale:.2g}" for k in ("sigma", "sigma_one", "sigma_four"))
+def describe_next_view(next_view: dict[str, Any]) -> str:
+    """Return what to record next and how σ improves. next_view: of next_best_view."""
+    scale, unit = (DEG_PER_RAD, "°") if next_view["unit"] == "rad" else (MM_PER_M, " mm")
+    now, one, four = (f"{next_view[k] * scale:.2g}" for k in ("sigma", "sigma_one", "sigma_four"))
     return (
-        f"Hold the {best['target']} still {best['description']}: σ of {best['direction']} "
-        f"{now} → {one}{unit} by one such placement, {four}{unit} by four."
+        f"Hold the {next_view['target']} still {next_view['description']}: σ of "
+        f"{next_view['direction']} {now} → {one}{unit} with one such placement, {four}{unit} with "
+        "four."
     )

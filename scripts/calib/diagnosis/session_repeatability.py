@@ -1,6 +1,7 @@
-"""Every session for itself: how well poses of sensors repeat, and which sensor moved between."""
+"""Repeatability: sensor poses of each session alone, compared with those of the other sessions."""
 
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -8,99 +9,114 @@ from scipy import stats
 from calib.diagnosis.observability import UNDETERMINED_SIGMA
 from calib.estimation.corrections.base import ModelCorrection
 from calib.estimation.estimate_state import get_correction_values
+from calib.estimation.estimation_problem import Setup
 from calib.estimation.pose_chain import ROBOT_MARKERS
-from calib.estimation.solver import estimate_poses
+from calib.estimation.solver import EstimationResult, estimate_poses
 from calib.geometry.se3 import invert_pose, se3_exp, se3_log
 
 
-def session_setup(setup, result, session):
-    """The Setup of one session's placements; targets, and the robot's markers, which it cannot tell
-    by itself, sit where all sessions together put them."""
-    at = [
+class SessionPose(NamedTuple):
+    """A sensor pose of one session: twist (6,) from the joint pose, and its covariance (6, 6)."""
+
+    twist: np.ndarray
+    covariance: np.ndarray
+
+
+def session_setup(setup: Setup, result: EstimationResult, session: str) -> Setup:
+    """Return the setup of the still placements of one session.
+
+    Targets and the robot's markers are at the joint estimate: one session alone does not determine
+    them.
+    """
+    indices = [
         i for i, p in enumerate(setup.placements) if p.session == session and p.moving_view is None
     ]
-    index = {k: i for i, k in enumerate(at)}
-    anew = get_correction_values(setup, result.state, ROBOT_MARKERS, session)
-    T = np.eye(4) if anew is None else se3_exp(anew)
-    places = [
+    new_index = {k: i for i, k in enumerate(indices)}
+    markers_twist = get_correction_values(setup, result.state, ROBOT_MARKERS, session)
+    T_robot_markers = np.eye(4) if markers_twist is None else se3_exp(markers_twist)
+    placements = [
         replace(
             p,
-            T_robot_body=T @ p.T_robot_body,
+            T_robot_body=T_robot_markers @ p.T_robot_body,
             T_body_target=result.state.mounts.get(p.target, p.T_body_target),
         )
-        for p in (setup.placements[k] for k in at)
+        for p in (setup.placements[k] for k in indices)
     ]
     groups = [
-        replace(g, placement=index[g.placement], initial_features=None)
+        replace(g, placement=new_index[g.placement], initial_features=None)
         for g in setup.groups
-        if g.placement in index
+        if g.placement in new_index
     ]
-    seen = {g.sensor for g in groups}
-    kept = [h for h in setup.corrections if isinstance(h, ModelCorrection) and h.subject in seen]
+    sensors = {g.sensor for g in groups}
+    corrections = [
+        c
+        for c in setup.corrections
+        if isinstance(c, ModelCorrection) and c.subject in sensors
+    ]
     return replace(
         setup,
-        models={n: m for n, m in setup.models.items() if n in seen},
-        placements=places,
+        models={n: m for n, m in setup.models.items() if n in sensors},
+        placements=placements,
         groups=groups,
         initial_mounts={},
-        corrections=tuple(kept),
+        corrections=tuple(corrections),
     )
 
 
-def session_poses(setup, result, session, **limits):
-    """{sensor: (twist (6,) from its joint pose, covariance (6, 6))} by one session's data alone, of
-    the sensors that these determine."""
-    own = session_setup(setup, result, session)
-    start = {n: result.state.T_robot_sensor[n] for n in own.models}
-    found = estimate_poses(own, start, **limits)
-    if found.solve_result is None:
-        return {}
-    spread, out = found.solve_result.covariance, {}
-    for i, name in enumerate(sorted(own.models)):
-        block = spread[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]
-        variances = np.diag(block)
-        if (
-            np.isfinite(variances).all()
-            and (variances > 0).all()
-            and (variances < UNDETERMINED_SIGMA**2).all()
-        ):
-            off = invert_pose(start[name]) @ found.state.T_robot_sensor[name]
-            out[name] = se3_log(off), block
-    return out
+def session_poses(
+    setup: Setup, result: EstimationResult, session: str, **limits: Any
+) -> dict[str, SessionPose]:
+    """Return the sensor poses of one session alone, of the sensors that it determines.
 
-
-def repeatability_json(setup, result, **limits):
-    """[{session, sensor, shift, sigma, others, chance}] of every session that is not alone.
-
-    shift (6,): of the sensor's pose by that session alone from that by the others, m and rad, along
-    the sensor's axes; sigma (6,): what both σ make of it; chance of so much where nothing moved.
+    limits: of estimate_poses.
     """
-    names = sorted({p.session for p in setup.placements})
-    if len(names) < 2 or result.solve_result is None:
-        return []
-    found = {s: session_poses(setup, result, s, **limits) for s in names}
-    out = []
-    for session in names:
-        for sensor, (xi, block) in found[session].items():
-            rest = [found[s][sensor] for s in names if s != session and sensor in found[s]]
-            if rest:
-                out.append(
-                    {"session": session, "sensor": sensor, **_compare_with_others(xi, block, rest)}
-                )
+    alone = session_setup(setup, result, session)
+    start = {n: result.state.T_robot_sensor[n] for n in alone.models}
+    estimate = estimate_poses(alone, start, **limits)
+    if estimate.solve_result is None:
+        return {}
+    covariance, out = estimate.solve_result.covariance, {}
+    for i, name in enumerate(sorted(alone.models)):
+        block = covariance[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]
+        variances = np.diag(block)
+        is_positive = np.isfinite(variances).all() and (variances > 0).all()
+        if is_positive and (variances < UNDETERMINED_SIGMA**2).all():
+            shift = invert_pose(start[name]) @ estimate.state.T_robot_sensor[name]
+            out[name] = SessionPose(se3_log(shift), block)
     return out
 
 
-def _compare_with_others(xi, covariance, others):
-    """What a twist (6,) and its covariance (6, 6) say against those of others."""
-    weights = [np.linalg.inv(C) for _, C in others]
-    both = np.linalg.inv(sum(weights))
-    mean = both @ sum(W @ x for W, (x, _) in zip(weights, others, strict=True))
-    shift, spread = xi - mean, covariance + both
-    chance = stats.chi2.sf(shift @ np.linalg.solve(spread, shift), 6)
-    sigma = np.sqrt(np.diag(spread))
+def repeatability_json(
+    setup: Setup, result: EstimationResult, **limits: Any
+) -> list[dict[str, Any]]:
+    """Return [{session, sensor, shift, sigma, n_other_sessions, p_value}], [] for one session.
+
+    shift (6,): of the sensor pose of this session from that of the others, m and rad, along the
+    sensor's axes. sigma (6,): of this shift. p_value: of so large a shift if nothing moved.
+    """
+    sessions = sorted({p.session for p in setup.placements})
+    if len(sessions) < 2 or result.solve_result is None:
+        return []
+    poses = {s: session_poses(setup, result, s, **limits) for s in sessions}
+    out = []
+    for session in sessions:
+        for sensor, pose in poses[session].items():
+            others = [poses[s][sensor] for s in sessions if s != session and sensor in poses[s]]
+            if others:
+                comparison = _compare_with_others(pose, others)
+                out.append({"session": session, "sensor": sensor, **comparison})
+    return out
+
+
+def _compare_with_others(pose: SessionPose, others: list[SessionPose]) -> dict[str, Any]:
+    weights = [np.linalg.inv(other.covariance) for other in others]
+    covariance = np.linalg.inv(sum(weights))
+    mean = covariance @ sum(W @ other.twist for W, other in zip(weights, others, strict=True))
+    shift, shift_covariance = pose.twist - mean, pose.covariance + covariance
+    p_value = stats.chi2.sf(shift @ np.linalg.solve(shift_covariance, shift), 6)
     return {
         "shift": shift.tolist(),
-        "sigma": sigma.tolist(),
+        "sigma": np.sqrt(np.diag(shift_covariance)).tolist(),
         "n_other_sessions": len(others),
-        "p_value": float(chance),
+        "p_value": float(p_value),
     }

@@ -1,24 +1,24 @@
-"""What a settled estimate says, as solution.json and as rows of residuals.parquet."""
+"""The content of solution.json."""
 
 import itertools
+from dataclasses import dataclass
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 
 from calib.diagnosis.consider_covariance import common_range_sigmas
-from calib.diagnosis.leave_one_out import leave_one_out, sigma_by_placements_json
+from calib.diagnosis.leave_one_out import LeaveOneOut, leave_one_out, sigma_by_placements_json
 from calib.diagnosis.model_selection import sensor_corrections_json
 from calib.diagnosis.observability import (
     MOUNT_DIRECTION_NAMES,
-    advise_views,
-    describe_least_certain_direction,
     describe_pose_direction,
     direction_spread_deg,
     find_undetermined_directions,
+    least_certain_direction,
     shared_direction,
 )
 from calib.diagnosis.residual_statistics import (
-    find_flipped_pattern,
     fit_statistics,
     guess_deviation_in_sigma,
     influences_json,
@@ -26,15 +26,18 @@ from calib.diagnosis.residual_statistics import (
     target_directions,
     usage_counts,
 )
+from calib.diagnosis.sensor_status import recording_advice, sensor_status
 from calib.estimation.corrections.camera_intrinsics import get_intrinsics_estimate
 from calib.estimation.corrections.clock_drift import clock_drift_json
 from calib.estimation.corrections.clock_offset import stream_lags_json, time_offset_json
+from calib.estimation.estimation_problem import Setup
+from calib.estimation.solver import EstimationResult
 from calib.geometry.se3 import invert_pose, relative_pose_covariance, se3_log
 from calib.io.pose_block import pose_json
-from calib.io.status import OK, failure_status
-from calib.sensors.lidar.lidar_model import LidarModel
+from calib.io.status import Status
 
-MIN_PRIOR_SIGMA_RATIO = 0.9  # of the σ of a prior: what is known no better is told by nothing else
+# σ over that of the prior, above which only the prior determines a direction.
+MIN_PRIOR_SIGMA_RATIO = 0.9
 PROVENANCE_PACKAGES = (
     "casadi",
     "mcap",
@@ -46,48 +49,70 @@ PROVENANCE_PACKAGES = (
 )
 
 
-def solution_json(setup, result, suspected_errors, status_and_guess, options):
-    """The content of solution.json; status_and_guess: sensor -> (status before the solve, guess.json)."""
-    names = sorted(setup.models)
-    open_directions = {n: undetermined_directions_json(setup, result, n) for n in names}
-    status = {
-        n: sensor_status(n, status_and_guess, open_directions, setup, result)
-        for n in options["sensors"]
+@dataclass(frozen=True)
+class _SolvedSensors:
+    """Sensors with a pose, in order, and their joint covariance (6k, 6k), None if there is none."""
+
+    names: list[str]
+    joint_covariance: np.ndarray | None
+    leave_one_outs: list[LeaveOneOut]
+
+    def covariance(self, sensor: str) -> np.ndarray:
+        """Return the covariance (6, 6) of a sensor pose."""
+        at = 6 * self.names.index(sensor)
+        return self.joint_covariance[at : at + 6, at : at + 6]
+
+
+def solution_json(
+    setup: Setup,
+    result: EstimationResult,
+    suspected_errors: list[dict[str, Any]],
+    status_and_guess: dict[str, tuple[Status, dict[str, Any]]],
+    options: dict[str, Any],
+) -> dict[str, Any]:
+    """Return the content of solution.json.
+
+    status_and_guess: by sensor, its status before the solve and guess.json.
+    """
+    undetermined = {n: undetermined_directions_json(setup, result, n) for n in sorted(setup.models)}
+    statuses = {
+        name: before
+        if not before.ok
+        else sensor_status(setup, result, name, [d["description"] for d in undetermined[name]])
+        for name, (before, _) in status_and_guess.items()
     }
-    solved = [n for n in names if status[n].ok]
-    joint = marginal_joint_covariance(setup, result, solved) if solved else None
-    left = leave_one_out(setup, result) if solved else []
+    names = [n for n in sorted(setup.models) if statuses[n].ok]
+    solved = _SolvedSensors(
+        names,
+        marginal_joint_covariance(setup, result, names) if names else None,
+        leave_one_out(setup, result) if names else [],
+    )
     sensors = {}
     for name, (_, guess) in sorted(status_and_guess.items()):
+        kind = options["sensors"][name]["kind"]
         sensors[name] = {
-            "kind": options["sensors"][name]["kind"],
+            "kind": kind,
             "frame": guess["frame"],
-            "status": status[name].to_dict(),
+            "status": statuses[name].to_dict(),
             "guess": {k: guess[k] for k in ("T_robot_sensor", "sigma", "source", "time_offset_s")},
-            "undetermined": open_directions.get(name, []),
-            **sensor_pose_json(name, result, solved, joint, guess),
+            "undetermined": undetermined.get(name, []),
+            **sensor_pose_json(name, result, guess, solved),
             **intrinsics_json(name, setup, result),
             **time_offset_json(name, setup, result, guess),
             "clock_drift": clock_drift_json(name, setup, result, guess),
-            **usage_counts(name, options["sensors"][name]["kind"], setup, result),
-            **sensor_tests_json(name, setup, result, left if name in solved else []),
+            **usage_counts(name, kind, setup, result),
+            **sensor_tests_json(name, setup, result, solved),
         }
     return {
         "rig": options["rig"],
         "has_converged": result.has_converged,
         "ipopt_status": result.solve_result.status if result.solve_result else None,
         "sensors": sensors,
-        "joint_covariance": {"order": solved, "matrix": joint.tolist()} if solved else None,
-        "pairs": relative_poses_json(result.state.T_robot_sensor, solved, joint),
+        **joint_estimate_json(result, solved, suspected_errors),
         "targets": target_mounts_json(setup, result, options),
-        "suspected_errors": [
-            s | {"pose_shift": {n: s["pose_shift"][n] for n in solved}} for s in suspected_errors
-        ]
-        if solved
-        else [],
         "sessions": dict.fromkeys(options["sessions"]),
         "mocap_offsets_s": stream_lags_json(setup, result),
-        "influences": influences_json(setup, left),
+        "influences": influences_json(setup, solved.leave_one_outs),
         "noise": noise_json(setup, result),
         "provenance": {
             "sessions": options["sessions"],
@@ -96,183 +121,192 @@ def solution_json(setup, result, suspected_errors, status_and_guess, options):
     }
 
 
-def undetermined_directions_json(setup, result, name):
-    """The undetermined directions of a sensor: [{direction (6,), unit twist, words}]."""
-    i, T = sorted(setup.models).index(name), result.state.T_robot_sensor[name]
-    common = shared_direction(target_directions(name, setup, result)[0])
-    found = find_undetermined_directions(result.solve_result.information, len(setup.models), i)
+def joint_estimate_json(
+    result: EstimationResult, solved: _SolvedSensors, suspected_errors: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Return joint covariance, relative poses and suspected errors of the solved sensors."""
+    names, joint = solved.names, solved.joint_covariance
+    errors = []
+    if names:
+        errors = [
+            e | {"pose_shift": {n: e["pose_shift"][n] for n in names}} for e in suspected_errors
+        ]
+    return {
+        "joint_covariance": None if joint is None else {"order": names, "matrix": joint.tolist()},
+        "pairs": relative_poses_json(result.state.T_robot_sensor, names, joint),
+        "suspected_errors": errors,
+    }
+
+
+def undetermined_directions_json(
+    setup: Setup, result: EstimationResult, sensor: str
+) -> list[dict[str, Any]]:
+    """Return the undetermined directions of a sensor: [{direction (6,), description}].
+
+    direction: unit twist of the sensor.
+    """
+    T = result.state.T_robot_sensor[sensor]
+    shared = shared_direction(target_directions(sensor, setup, result)[0])
+    information = result.solve_result.information
+    directions = find_undetermined_directions(
+        information, len(setup.models), sorted(setup.models).index(sensor)
+    )
     return [
-        {"direction": d.tolist(), "description": describe_pose_direction(d, T, common)}
-        for d in found
+        {"direction": d.tolist(), "description": describe_pose_direction(d, T, shared)}
+        for d in directions
     ]
 
 
-def sensor_status(sensor, status_and_guess, open_directions, setup, result):
-    """Status of one sensor after the solve."""
-    before, guess = status_and_guess[sensor]
-    if not before.ok:
-        return before
-    if open_directions[sensor]:
-        if misread := find_flipped_pattern(sensor, setup, result):
-            return flipped_pattern_status(sensor, *misread)
-        words = "; ".join(d["description"] for d in open_directions[sensor])
-        return failure_status(
-            f"the data do not determine {sensor}: {words}",
-            f"{len(open_directions[sensor])} open directions",
-            "none",
-            recording_advice(sensor, setup, result),
-        )
-    if not result.solve_result.has_converged:
-        return failure_status(
-            f"IPOPT ended with {result.solve_result.status}", remedy="See solve.log."
-        )
-    return OK
+def intrinsics_json(sensor: str, setup: Setup, result: EstimationResult) -> dict[str, Any]:
+    """Return {intrinsics, intrinsics_note} of a sensor; the note says why they are not estimated.
+
+    intrinsics: {model, params, sigma} or None.
+    """
+    estimate = get_intrinsics_estimate(setup, result, sensor) if result.solve_result else None
+    if estimate is None:
+        reason = setup.estimable_intrinsics.get(sensor)
+        return {
+            "intrinsics": None,
+            "intrinsics_note": reason if isinstance(reason, str) else "",
+        }
+    params, sigma, _ = estimate
+    model = setup.models[sensor].model
+    block = {"model": model, "params": params.tolist(), "sigma": sigma.tolist()}
+    return {"intrinsics": block, "intrinsics_note": ""}
 
 
-def flipped_pattern_status(sensor, target, pattern, stated_misfit_px, flipped_misfit_px):
-    """The Status of a camera that sees the pattern of a target counted from another end."""
-    colour = {"black": "white", "white": "black"}[pattern.first_square_color]
-    return failure_status(
-        f"{sensor} sees the pattern of {target} the other way round than stated",
-        f"corners {flipped_misfit_px:.1f} px from their places counted from a {colour} first square",
-        f"from a {pattern.first_square_color} one, but so they are {stated_misfit_px:.0f} px off",
-        f"Set first_square of {target} to {colour}. Where the sheet should begin with "
-        f"{pattern.first_square_color}, it was printed or mounted mirrored: print it anew as it is.",
-    )
-
-
-def recording_advice(name, setup, result):
-    """Which views would tell more of a sensor's pose (observability.advice)."""
-    lidar = isinstance(setup.models[name], LidarModel)
-    return advise_views(*target_directions(name, setup, result), lidar)
-
-
-def intrinsics_json(name, setup, result):
-    """{intrinsics: {model, params, sigma} or None, lens: why not} of one sensor."""
-    found = get_intrinsics_estimate(setup, result, name) if result.solve_result else None
-    why = setup.estimable_intrinsics.get(name)
-    if found is None:
-        return {"intrinsics": None, "intrinsics_note": why if isinstance(why, str) else ""}
-    params, sigma, _ = found
-    model = setup.models[name].model
-    told = {"model": model, "params": params.tolist(), "sigma": sigma.tolist()}
-    return {"intrinsics": told, "intrinsics_note": ""}
-
-
-def marginal_joint_covariance(setup, result, solved):
-    """(6k, 6k) over the solved sensors in order; what is not solved is marginalised out."""
+def marginal_joint_covariance(
+    setup: Setup, result: EstimationResult, sensors: list[str]
+) -> np.ndarray:
+    """Return the joint covariance (6k, 6k) of some sensors; all other unknowns are marginalised."""
     names = sorted(setup.models)
-    rows = [6 * names.index(n) + i for n in solved for i in range(6)]
+    rows = [6 * names.index(n) + i for n in sensors for i in range(6)]
     return result.solve_result.covariance[np.ix_(rows, rows)]
 
 
-def relative_poses_json(T_robot_sensor, order, joint_covariance):
-    """[{from, to, T, covariance}] of every two of the sensors in order: T maps points of `to` into
-    `from`, with the covariance (6, 6) of its right perturbation, T·Exp(ξ), along the axes of `to`.
+def relative_poses_json(
+    T_robot_sensor: dict[str, np.ndarray], order: list[str], joint_covariance: np.ndarray | None
+) -> list[dict[str, Any]]:
+    """Return [{from, to, T, covariance}] of every two sensors; T maps points of `to` into `from`.
 
-    joint_covariance (6k, 6k): the covariance of their poses; what both share cancels.
+    joint_covariance: (6k, 6k) of the poses, in order. covariance: (6, 6) of the right perturbation
+    T·Exp(ξ), along the axes of `to`; errors that both sensors share cancel.
     """
     out = []
     for a, b in itertools.combinations(order, 2):
-        at = [6 * order.index(n) + i for n in (a, b) for i in range(6)]
-        T_r_a, T_r_b = T_robot_sensor[a], T_robot_sensor[b]
-        spread = relative_pose_covariance(T_r_a, T_r_b, joint_covariance[np.ix_(at, at)])
-        T = pose_json(invert_pose(T_r_a) @ T_r_b)
-        out.append({"from": a, "to": b, "T": T, "covariance": spread.tolist()})
+        rows = [6 * order.index(n) + i for n in (a, b) for i in range(6)]
+        T_robot_a, T_robot_b = T_robot_sensor[a], T_robot_sensor[b]
+        covariance = relative_pose_covariance(
+            T_robot_a, T_robot_b, joint_covariance[np.ix_(rows, rows)]
+        )
+        T = pose_json(invert_pose(T_robot_a) @ T_robot_b)
+        out.append({"from": a, "to": b, "T": T, "covariance": covariance.tolist()})
     return out
 
 
-def sensor_pose_json(sensor, result, solved_sensors, joint_covariance, guess):
-    """T_robot_sensor, its covariance, weakest direction, and distance from the guess in its σ; null
-    for a sensor without a pose."""
-    if sensor not in solved_sensors:
-        return dict.fromkeys(
-            ("T_robot_sensor", "covariance", "least_certain", "guess_deviation_in_sigma")
-        )
-    T = result.state.T_robot_sensor[sensor]
-    at = 6 * solved_sensors.index(sensor)
-    block = joint_covariance[at : at + 6, at : at + 6]
-    words, sigma = describe_least_certain_direction(block, T)
+def sensor_pose_json(
+    sensor: str, result: EstimationResult, guess: dict[str, Any], solved: _SolvedSensors
+) -> dict[str, Any]:
+    """Return pose, covariance, least certain direction and deviation from the guess of a sensor.
+
+    All are None for a sensor without a pose.
+    """
+    keys = ("T_robot_sensor", "covariance", "least_certain", "guess_deviation_in_sigma")
+    if sensor not in solved.names:
+        return dict.fromkeys(keys)
+    T, covariance = result.state.T_robot_sensor[sensor], solved.covariance(sensor)
+    direction = least_certain_direction(covariance)
     return {
         "T_robot_sensor": pose_json(T),
-        "covariance": block.tolist(),
-        "least_certain": {"direction": words, "sigma": sigma},
+        "covariance": covariance.tolist(),
+        "least_certain": {
+            "direction": describe_pose_direction(direction.weights, T),
+            "sigma": direction.sigma,
+        },
         "guess_deviation_in_sigma": guess_deviation_in_sigma(T, guess),
     }
 
 
-def sensor_tests_json(sensor, setup, result, leave_one_outs):
-    """What a verdict asks of one sensor beside its pose; leave_one_outs: crossvalidation.Left, or none."""
+def sensor_tests_json(
+    sensor: str, setup: Setup, result: EstimationResult, solved: _SolvedSensors
+) -> dict[str, Any]:
+    """Return what the verdict needs to know of a sensor besides its pose."""
+    out: dict[str, Any] = {
+        "direction_spread_deg": {},
+        "fit_by_kind": {},
+        "corrections": [],
+        "common_range_sigma_m": None,
+        "recording_advice": "",
+        "leave_one_out": None,
+        "sigma_by_placements": None,
+    }
     if sensor not in setup.models:
-        none = {
-            "direction_spread_deg": {},
-            "fit_by_kind": {},
-            "recording_advice": "",
-            "leave_one_out": None,
-            "sigma_by_placements": None,
-        }
-        return none | {"corrections": [], "common_range_sigma_m": None}
+        return out
     directions, _ = target_directions(sensor, setup, result)
-    return {
+    out |= {
         "direction_spread_deg": direction_spread_deg(directions),
         "fit_by_kind": fit_statistics(sensor, setup, result),
-        "corrections": sensor_corrections_json(setup, result, sensor) if leave_one_outs else [],
-        "common_range_sigma_m": common_range_sigmas(setup, result.state).get(sensor)
-        if leave_one_outs
-        else None,
         "recording_advice": recording_advice(sensor, setup, result),
-        "leave_one_out": leave_one_out_statistics(sensor, leave_one_outs),
-        "sigma_by_placements": sigma_by_placements_json(setup, result, sensor)
-        if leave_one_outs
-        else None,
     }
-
-
-def target_mounts_json(setup, result, options):
-    """{name: {T_body_target, covariance, shift, prior, open} where it was estimated, else None}.
-
-    shift (6,): from where the config puts it; prior (6,): the σ of that; None for unknown mounts.
-    open: in words, what of it nothing tells and the prior alone holds, though it matters.
-    """
-    out = dict.fromkeys(sorted(options["targets"]))
-    first = 6 * len(setup.models)
-    for i, name in enumerate(sorted(setup.initial_mounts)):
-        at = slice(first + 6 * i, first + 6 * i + 6)
-        block = result.solve_result.covariance[at, at]
-        pose = pose_json(result.state.mounts[name])
-        out[name] = {"T_body_target": pose, "covariance": block.tolist()}
-        out[name] |= {"shift": None, "prior_sigma": None, "undetermined": []}
-        if name in setup.mount_sigma:
-            off = invert_pose(setup.initial_mounts[name]) @ result.state.mounts[name]
-            prior = setup.mount_sigma[name]
-            ratio = np.sqrt(np.diag(block)) / prior
-            unseen = [3 + axis for axis in setup.targets[name].symmetry_axes]
-            held = [
-                MOUNT_DIRECTION_NAMES[k]
-                for k in range(6)
-                if ratio[k] > MIN_PRIOR_SIGMA_RATIO and k not in unseen
-            ]
-            shift = se3_log(off).tolist()
-            out[name] |= {"shift": shift, "prior_sigma": prior.tolist(), "undetermined": held}
+    if sensor in solved.names and solved.leave_one_outs:
+        out |= {
+            "corrections": sensor_corrections_json(setup, result, sensor),
+            "common_range_sigma_m": common_range_sigmas(setup, result.state).get(sensor),
+            "leave_one_out": leave_one_out_statistics(sensor, solved.leave_one_outs),
+            "sigma_by_placements": sigma_by_placements_json(setup, result, sensor),
+        }
     return out
 
 
-def noise_json(setup, result):
-    """Re-estimated σ by sensor and kind, SI or px, and the factor on the priors of the MCS."""
-    out = {}
-    for (sensor, kind), scale in sorted(result.state.noise.items()):
-        if sensor not in setup.models:
-            continue
-        sigmas = [
-            g.keypoints["sigma"] for g in setup.groups if (g.sensor, g.kind) == (sensor, kind)
-        ]
-        out.setdefault(sensor, {})[kind] = float(scale.total * np.median(np.concatenate(sigmas)))
+def target_mounts_json(
+    setup: Setup, result: EstimationResult, options: dict[str, Any]
+) -> dict[str, Any]:
+    """Return T_body_target by target, {T_body_target, covariance, shift, prior_sigma, undetermined}.
+
+    None for a target whose mount was not estimated. shift (6,): from the configured mount, with
+    prior_sigma (6,); None for mount: unknown. undetermined: directions, as text, that only the prior
+    determines and that matter.
+    """
+    out: dict[str, Any] = dict.fromkeys(sorted(options["targets"]))
+    first = 6 * len(setup.models)
+    for i, name in enumerate(sorted(setup.initial_mounts)):
+        at = slice(first + 6 * i, first + 6 * i + 6)
+        covariance = result.solve_result.covariance[at, at]
+        out[name] = {
+            "T_body_target": pose_json(result.state.mounts[name]),
+            "covariance": covariance.tolist(),
+            "shift": None,
+            "prior_sigma": None,
+            "undetermined": [],
+        }
+        if name in setup.mount_sigma:
+            shift = invert_pose(setup.initial_mounts[name]) @ result.state.mounts[name]
+            out[name] |= {
+                "shift": se3_log(shift).tolist(),
+                "prior_sigma": setup.mount_sigma[name].tolist(),
+                "undetermined": _undetermined_mount_directions(setup, name, covariance),
+            }
+    return out
+
+
+def _undetermined_mount_directions(setup: Setup, target: str, covariance: np.ndarray) -> list[str]:
+    ratio = np.sqrt(np.diag(covariance)) / setup.mount_sigma[target]
+    irrelevant = [3 + axis for axis in setup.targets[target].symmetry_axes]
+    return [
+        MOUNT_DIRECTION_NAMES[k]
+        for k in range(6)
+        if ratio[k] > MIN_PRIOR_SIGMA_RATIO and k not in irrelevant
+    ]
+
+
+def noise_json(setup: Setup, result: EstimationResult) -> dict[str, Any]:
+    """Return the estimated σ by sensor and kind, m, rad or px, and the factor on that of the MCS."""
+    out: dict[str, dict[str, float]] = {}
+    for (sensor, kind), noise in sorted(result.state.noise.items()):
+        if sensor in setup.models:
+            sigmas = [
+                g.keypoints["sigma"] for g in setup.groups if (g.sensor, g.kind) == (sensor, kind)
+            ]
+            sigma = float(noise.total * np.median(np.concatenate(sigmas)))
+            out.setdefault(sensor, {})[kind] = sigma
     return {"sensors": out, "mocap_factor": float(result.state.mocap_noise_factor)}
-
-
-def _pad_to_two_columns(value):
-    """Values (n, k) as the table holds them (n, 2): u and v, or a length and 0."""
-    if value.shape[1] == 2:
-        return value
-    length = value[:, 0] if value.shape[1] == 1 else np.linalg.norm(value, axis=1)
-    return np.column_stack([length, np.zeros(len(value))])

@@ -191,7 +191,7 @@ def test_the_words_say_what_to_do_and_what_it_does():
     best |= {"sigma_one": 0.0012, "sigma_four": 0.0008}
     assert describe_next_view(best) == (
         "Hold the board still 2.0 m away, facing the sensor: σ of translation along z of the robot "
-        "body 2.1 → 1.2 mm by one such placement, 0.8 mm by four."
+        "body 2.1 → 1.2 mm with one such placement, 0.8 mm with four."
     )
     turn = best | {"unit": "rad", "sigma": np.radians(0.2), "sigma_one": np.radians(0.1)}
     assert "0.2 → 0.1°" in describe_next_view(turn)
