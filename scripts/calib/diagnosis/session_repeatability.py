@@ -49,9 +49,7 @@ def session_setup(setup: Setup, result: EstimationResult, session: str) -> Setup
     ]
     sensors = {g.sensor for g in groups}
     corrections = [
-        c
-        for c in setup.corrections
-        if isinstance(c, ModelCorrection) and c.subject in sensors
+        c for c in setup.corrections if isinstance(c, ModelCorrection) and c.subject in sensors
     ]
     return replace(
         setup,
