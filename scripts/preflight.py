@@ -45,7 +45,7 @@ def load_preflight_session(
         poses=read_table(files.mocap, MOCAP_SCHEMA)[0],
         placements=PlacementTable.read(files.placements),
         has_remounted_markers=session["remounted"],
-        sensor_names=tuple(session["sensors"]),
+        streams=tuple(session["sensors"]),
     )
 
 
@@ -57,7 +57,7 @@ def preflight_json(
         sensor: {
             name: assess_sensor_visibility(session, sensor, options)
             for name, session in sessions.items()
-            if sensor in session.sensor_names
+            if sensor in session.streams
         }
         for sensor in sorted(options["sensors"])
     }

@@ -29,7 +29,7 @@ def with_consider_covariance(setup: Setup, result: EstimationResult) -> Estimati
     """Return the result with its information decreased by the errors that are not estimated."""
     if result.solve_result is None:
         return result
-    H, (G, sigma) = result.solve_result.information, unestimated_couplings(setup, result)
+    H, (G, sigma) = result.solved.information, unestimated_couplings(setup, result)
     loss = G @ np.linalg.solve(np.diag(sigma**-2.0) + G.T @ invert_information(H) @ G, G.T)
     return replace(result, solve_result=replace(result.solve_result, information=H - loss))
 
@@ -44,7 +44,7 @@ def unestimated_couplings(setup: Setup, result: EstimationResult) -> tuple[np.nd
         setup,
         result.state,
         result.assignments,
-        result.solve_result.factors,
+        result.solved.factors,
         [correction for correction, _ in errors],
     )
     return G, np.array([sigma for _, sigma in errors])
@@ -56,7 +56,7 @@ def unestimated_variance(setup: Setup, result: EstimationResult) -> np.ndarray:
     if not len(sigma):
         return np.zeros(setup.n_unknowns)
     weight = prior_means_and_weights(setup, result.state)[1]
-    information = joint_information(result.solve_result.factors, weight)
+    information = joint_information(result.solved.factors, weight)
     shift = invert_information(information) @ G * sigma
     return np.sum(shift**2, axis=1)
 
@@ -68,7 +68,7 @@ def unestimated_range_errors(setup: Setup, state: State) -> list[tuple[Correctio
     the mean of so many errors of that size. Residuals hardly distinguish a common range error from
     a lidar farther away; if it were estimated, it would absorb other errors.
     """
-    out = []
+    out: list[tuple[Correction, float]] = []
     for correction in make_range_corrections(setup):
         beams = setup.correction_slice(BEAM_RANGES, correction.subject)
         is_estimated = setup.correction_slice(correction.name, correction.subject) is not None

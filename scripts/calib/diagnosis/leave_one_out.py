@@ -59,9 +59,9 @@ class _SensorFactor:
 
 def leave_one_out(setup: Setup, result: EstimationResult) -> list[LeaveOneOut]:
     """Leave out each placement that has measurements, in order."""
-    names, covariance = sorted(setup.models), result.solve_result.covariance
+    names, covariance = sorted(setup.models), result.solved.covariance
     by_placement: dict[int, list[_SensorFactor]] = {}
-    for group, factor in zip(setup.groups, result.solve_result.factors, strict=True):
+    for group, factor in zip(setup.groups, result.solved.factors, strict=True):
         if not group.is_moving:
             item = _SensorFactor(group.sensor, factor)
             by_placement.setdefault(group.placement, []).append(item)
@@ -194,7 +194,7 @@ def _information_by_placement(
     are marginalised.
     """
     factors: dict[int, list[Factor]] = {}
-    for group, factor in zip(setup.groups, result.solve_result.factors, strict=True):
+    for group, factor in zip(setup.groups, result.solved.factors, strict=True):
         if group.placement in placements:
             factors.setdefault(group.placement, []).append(factor)
     columns = {

@@ -105,7 +105,7 @@ def rejected_by_region(sensor: str, setup: Setup, result: EstimationResult) -> l
     for group, assignment in sensor_groups(sensor, setup, result):
         target = setup.placements[group.placement].target
         is_outlier, value = assignment.feature < 0, assignment.residual[:, 0]
-        masks = RejectionRegions(
+        masks = (
             assignment.is_candidate & (value >= 0),
             assignment.is_candidate & (value < 0),
             ~assignment.is_candidate,
@@ -194,7 +194,7 @@ def guess_deviation_in_sigma(T_robot_sensor: np.ndarray, guess: dict[str, Any]) 
 def target_directions(
     sensor: str, setup: Setup, result: EstimationResult
 ) -> tuple[TargetDirections, int]:
-    """Return the directions of the targets in the placements that a sensor used, and their number."""
+    """Return the target directions of the placements that a sensor used, and their number."""
     groups = sensor_groups(sensor, setup, result)
     used = sorted({g.placement for g, a in groups if (a.feature >= 0).any()})
     shapes = [setup.targets[setup.placements[k].target] for k in used]

@@ -13,6 +13,7 @@ from calib.estimation.residuals.pattern_corner import score_labellings
 from calib.estimation.solver import EstimationResult
 from calib.geometry.se3 import transform_points
 from calib.io.status import OK, Status, failure_status
+from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.lidar.lidar_model import LidarModel
 
 # Misfit of another labelling over the stated one, below which the other is what was printed.
@@ -45,10 +46,8 @@ def sensor_status(
             "none",
             recording_advice(sensor, setup, result),
         )
-    if not result.solve_result.has_converged:
-        return failure_status(
-            f"IPOPT ended with {result.solve_result.status}", remedy="See solve.log."
-        )
+    if not result.solved.has_converged:
+        return failure_status(f"IPOPT ended with {result.solved.status}", remedy="See solve.log.")
     return OK
 
 
@@ -94,7 +93,10 @@ def _misfits_px(
     """Return the misfit of the first view with the stated and with any colour of first square."""
     T = T_sensor_target(setup, result.state, group.sensor, group.placement)
     points = transform_points(T, pattern.corners())
-    uv, _ = model_with_corrections(setup, result.state, group).project(points)
+    camera = model_with_corrections(setup, result.state, group)
+    if not isinstance(camera, CameraModel):
+        raise TypeError(f"{group.sensor} is no camera, but has pattern corners")
+    uv, _ = camera.project(points)
     rows = np.flatnonzero(group.keypoints["view"] == group.keypoints["view"][0])
     stated, free = (
         score_labellings(p, uv, group.keypoints, rows)[1].min()

@@ -35,6 +35,7 @@ from calib.estimation.solver import EstimationResult
 from calib.geometry.se3 import invert_pose, relative_pose_covariance, se3_log
 from calib.io.pose_block import pose_json
 from calib.io.status import Status
+from calib.sensors.camera.camera_model import CameraModel
 
 # σ over that of the prior, above which only the prior determines a direction.
 MIN_PRIOR_SIGMA_RATIO = 0.9
@@ -51,10 +52,10 @@ PROVENANCE_PACKAGES = (
 
 @dataclass(frozen=True)
 class _SolvedSensors:
-    """Sensors with a pose, in order, and their joint covariance (6k, 6k), None if there is none."""
+    """Sensors with a pose, in order, and their joint covariance (6k, 6k)."""
 
     names: list[str]
-    joint_covariance: np.ndarray | None
+    joint_covariance: np.ndarray
     leave_one_outs: list[LeaveOneOut]
 
     def covariance(self, sensor: str) -> np.ndarray:
@@ -84,7 +85,7 @@ def solution_json(
     names = [n for n in sorted(setup.models) if statuses[n].ok]
     solved = _SolvedSensors(
         names,
-        marginal_joint_covariance(setup, result, names) if names else None,
+        marginal_joint_covariance(setup, result, names) if names else np.zeros((0, 0)),
         leave_one_out(setup, result) if names else [],
     )
     sensors = {}
@@ -132,7 +133,7 @@ def joint_estimate_json(
             e | {"pose_shift": {n: e["pose_shift"][n] for n in names}} for e in suspected_errors
         ]
     return {
-        "joint_covariance": None if joint is None else {"order": names, "matrix": joint.tolist()},
+        "joint_covariance": {"order": names, "matrix": joint.tolist()} if names else None,
         "pairs": relative_poses_json(result.state.T_robot_sensor, names, joint),
         "suspected_errors": errors,
     }
@@ -147,7 +148,7 @@ def undetermined_directions_json(
     """
     T = result.state.T_robot_sensor[sensor]
     shared = shared_direction(target_directions(sensor, setup, result)[0])
-    information = result.solve_result.information
+    information = result.solved.information
     directions = find_undetermined_directions(
         information, len(setup.models), sorted(setup.models).index(sensor)
     )
@@ -163,15 +164,15 @@ def intrinsics_json(sensor: str, setup: Setup, result: EstimationResult) -> dict
     intrinsics: {model, params, sigma} or None.
     """
     estimate = get_intrinsics_estimate(setup, result, sensor) if result.solve_result else None
-    if estimate is None:
+    camera = setup.models.get(sensor)
+    if estimate is None or not isinstance(camera, CameraModel):
         reason = setup.estimable_intrinsics.get(sensor)
         return {
             "intrinsics": None,
             "intrinsics_note": reason if isinstance(reason, str) else "",
         }
     params, sigma, _ = estimate
-    model = setup.models[sensor].model
-    block = {"model": model, "params": params.tolist(), "sigma": sigma.tolist()}
+    block = {"model": camera.model, "params": params.tolist(), "sigma": sigma.tolist()}
     return {"intrinsics": block, "intrinsics_note": ""}
 
 
@@ -181,11 +182,11 @@ def marginal_joint_covariance(
     """Return the joint covariance (6k, 6k) of some sensors; all other unknowns are marginalised."""
     names = sorted(setup.models)
     rows = [6 * names.index(n) + i for n in sensors for i in range(6)]
-    return result.solve_result.covariance[np.ix_(rows, rows)]
+    return result.solved.covariance[np.ix_(rows, rows)]
 
 
 def relative_poses_json(
-    T_robot_sensor: dict[str, np.ndarray], order: list[str], joint_covariance: np.ndarray | None
+    T_robot_sensor: dict[str, np.ndarray], order: list[str], joint_covariance: np.ndarray
 ) -> list[dict[str, Any]]:
     """Return [{from, to, T, covariance}] of every two sensors; T maps points of `to` into `from`.
 
@@ -264,14 +265,14 @@ def target_mounts_json(
     """Return T_body_target by target, {T_body_target, covariance, shift, prior_sigma, undetermined}.
 
     None for a target whose mount was not estimated. shift (6,): from the configured mount, with
-    prior_sigma (6,); None for mount: unknown. undetermined: directions, as text, that only the prior
-    determines and that matter.
+    prior_sigma (6,); None for mount: unknown. undetermined: relevant directions, as text, that only
+    the prior determines.
     """
     out: dict[str, Any] = dict.fromkeys(sorted(options["targets"]))
     first = 6 * len(setup.models)
     for i, name in enumerate(sorted(setup.initial_mounts)):
         at = slice(first + 6 * i, first + 6 * i + 6)
-        covariance = result.solve_result.covariance[at, at]
+        covariance = result.solved.covariance[at, at]
         out[name] = {
             "T_body_target": pose_json(result.state.mounts[name]),
             "covariance": covariance.tolist(),
@@ -300,7 +301,7 @@ def _undetermined_mount_directions(setup: Setup, target: str, covariance: np.nda
 
 
 def noise_json(setup: Setup, result: EstimationResult) -> dict[str, Any]:
-    """Return the estimated σ by sensor and kind, m, rad or px, and the factor on that of the MCS."""
+    """Return the estimated σ by sensor and kind (m, rad, px), and the noise factor of the MCS."""
     out: dict[str, dict[str, float]] = {}
     for (sensor, kind), noise in sorted(result.state.noise.items()):
         if sensor in setup.models:

@@ -58,3 +58,10 @@ class EstimationResult:
     assignments: list[Assignment]
     rounds: list[RoundRow]
     has_converged: bool
+
+    @property
+    def solved(self) -> SolveResult:
+        """The last solution; raises ValueError if there was nothing to solve."""
+        if self.solve_result is None:
+            raise ValueError("nothing was solved")
+        return self.solve_result

@@ -41,7 +41,7 @@ class PreflightSession:
     """One recording after decode and gate.
 
     audit: log.json. frames, poses: columns of frames.parquet and mocap.parquet.
-    has_remounted_markers: the robot's markers were re-attached before it.
+    has_remounted_markers: the robot's markers were re-attached before it. streams: of which sensors.
     """
 
     audit: dict[str, Any]
@@ -49,7 +49,7 @@ class PreflightSession:
     poses: Columns
     placements: PlacementTable
     has_remounted_markers: bool
-    sensor_names: tuple[str, ...]
+    streams: tuple[str, ...]
 
 
 @dataclass(frozen=True)
