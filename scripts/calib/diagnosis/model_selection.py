@@ -31,6 +31,7 @@ from calib.estimation.corrections.score_test import gain_p_value, likelihood_gai
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.solver import continue_estimate, estimate_poses
+from calib.sensors.camera.camera_model import CameraModel
 
 MOUNT = "mount"  # name of the correction of T_body_target
 P_ACCEPT = 1e-5  # p-value below which a correction is estimated
@@ -85,8 +86,9 @@ def _with_requested_corrections(setup: Setup, estimate_options: dict[str, Any]) 
         mounts = {n: T for n, T in first.items() if n in setup.mount_sigma}
         setup = replace(setup, initial_mounts=mounts | setup.initial_mounts)
     if estimate_options.get("intrinsics") is True:
+        cameras = {n: m for n, m in setup.models.items() if isinstance(m, CameraModel)}
         intrinsics = [
-            make_intrinsics_correction(n, setup.models[n], int(count))
+            make_intrinsics_correction(n, cameras[n], int(count))
             for n, count in sorted(setup.estimable_intrinsics.items())
         ]
         corrections = (*setup.corrections, *intrinsics)
@@ -106,7 +108,7 @@ def _estimate_observable_intrinsics(
     setup = replace(
         setup,
         corrections=tuple(kept),
-        estimable_intrinsics=setup.estimable_intrinsics | refused,
+        estimable_intrinsics={**setup.estimable_intrinsics, **refused},
     )
     return setup, estimate_poses(setup, T_robot_sensor, **limits)
 
@@ -168,7 +170,9 @@ def _add_stream_lags(
 ) -> tuple[Setup, EstimationResult]:
     """Estimate also the significant lags of targets whose poses come in separate streams."""
     moving = setup.placements[setup.n_still :]
-    targets = sorted({p.target for p in moving if p.moving_view.separate_trajectories})
+    targets = sorted(
+        {p.target for p in moving if p.moving_view and p.moving_view.separate_trajectories}
+    )
     while targets:
         lags = map(make_stream_lag_correction, targets)
         wider = replace(setup, corrections=(*setup.corrections, *lags))

@@ -262,7 +262,7 @@ def sensor_tests_json(
 def target_mounts_json(
     setup: Setup, result: EstimationResult, options: dict[str, Any]
 ) -> dict[str, Any]:
-    """Return T_body_target by target, {T_body_target, covariance, shift, prior_sigma, undetermined}.
+    """Return {T_body_target, covariance, shift, prior_sigma, undetermined} by target.
 
     None for a target whose mount was not estimated. shift (6,): from the configured mount, with
     prior_sigma (6,); None for mount: unknown. undetermined: relevant directions, as text, that only

@@ -47,7 +47,8 @@ class ScoredCorrection(NamedTuple):
 Scores = dict[int, ScoredCorrection]  # by index of the candidate
 
 
-class AcceptedError(NamedTuple):
+@dataclass(frozen=True)
+class AcceptedError:
     """An accepted candidate, the step without it, and the scores of it and its alternatives."""
 
     index: int
@@ -216,7 +217,7 @@ def _scored_correction_json(candidate: Candidate, score: ScoredCorrection) -> di
     correction, columns = candidate
     step = score.step
     values = step.correction_values[columns]
-    covariance = step.system.covariance(step.free_index, [])[0]
+    covariance = step.system.covariance(step.free_index, np.zeros(0, int))[0]
     sigma = np.sqrt(score.scatter * np.diag(covariance)[np.isin(step.free_index, columns)])
     return {
         "name": correction.name,

@@ -41,7 +41,7 @@ class PreflightSession:
     """One recording after decode and gate.
 
     audit: log.json. frames, poses: columns of frames.parquet and mocap.parquet.
-    has_remounted_markers: the robot's markers were re-attached before it. streams: of which sensors.
+    has_remounted_markers: the robot's markers were re-attached before it. streams: its sensors.
     """
 
     audit: dict[str, Any]
