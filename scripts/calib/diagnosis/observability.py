@@ -41,6 +41,11 @@ class PrincipalDirection(NamedTuple):
     sigma: float
     unit: str
 
+    @property
+    def sigma_m(self) -> float:
+        """The standard deviation, of rotations as the shift that they make at LEVER_ARM_M."""
+        return self.sigma * LEVER_ARM_M if self.unit == "rad" else self.sigma
+
 
 class SharedDirection(NamedTuple):
     """A unit direction (3,), robot frame, that all targets share, and its name."""

@@ -4,13 +4,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calib.diagnosis.observability import GENERAL_ADVICE, LEVER_ARM_M, describe_pose_direction
+from calib.diagnosis.observability import (
+    GENERAL_ADVICE,
+    describe_pose_direction,
+    principal_directions,
+)
 from calib.geometry.units import DEG_PER_RAD, MM_PER_M
 from calib.report.data.run_data import ReportRun
 from calib.report.number_format import format_number
 
 
-class PrincipalDirection(NamedTuple):
+class PrincipalDirectionText(NamedTuple):
     """A principal direction of a pose: description, σ with its unit, and σ in m at LEVER_ARM_M."""
 
     description: str
@@ -20,21 +24,18 @@ class PrincipalDirection(NamedTuple):
 
 def principal_pose_directions(
     covariance: list[list[float]], T_robot_sensor: np.ndarray
-) -> list[PrincipalDirection]:
+) -> list[PrincipalDirectionText]:
     """Return the six principal directions of a pose, the least certain first.
 
     covariance (6, 6): of the pose; a rotation counts as the shift that it makes at LEVER_ARM_M.
     """
-    scale = np.repeat([1.0, LEVER_ARM_M], 3)
-    variances, twists = np.linalg.eigh(scale[:, None] * np.asarray(covariance) * scale)
     directions = []
-    for variance, twist in zip(variances[::-1], twists.T[::-1], strict=True):
-        sigma = np.sqrt(max(variance, 0.0))
-        is_rotation = np.linalg.norm(twist[3:]) > np.linalg.norm(twist[:3])
-        shown = sigma * DEG_PER_RAD / LEVER_ARM_M if is_rotation else sigma * MM_PER_M
+    for direction in principal_directions(np.asarray(covariance)):
+        is_rotation = direction.unit == "rad"
+        shown = direction.sigma * (DEG_PER_RAD if is_rotation else MM_PER_M)
         text = f"{format_number(shown, 2)} {'°' if is_rotation else 'mm'}"
-        description = describe_pose_direction(twist, T_robot_sensor)
-        directions.append(PrincipalDirection(description, text, float(sigma)))
+        description = describe_pose_direction(direction.weights, T_robot_sensor)
+        directions.append(PrincipalDirectionText(description, text, direction.sigma_m))
     return directions
 
 
