@@ -74,7 +74,7 @@ WRONG = {
         SyntheticWorld(camera=scale_focal_length(1.01)),
         "focal length of camera",
     ),
-    "frame off by 1 cm": (SyntheticWorld(T_body_target={"board": OFF}), "board does not sit"),
+    "frame off by 1 cm": (SyntheticWorld(T_body_target={"board": OFF}), "T_body_target of board"),
 }
 
 
