@@ -122,7 +122,7 @@ def find_suspected_errors(
 
     Each has name, subject, description, remedy; estimate and sigma of its parameters (m, rad, px or
     1); log_likelihood_gain and p_value; explained_share of the squared residuals by noise;
-    pose_shift by sensor {m, rad, sigmas} if only this error is corrected, with the σ after that; and
+    pose_shift by sensor {m, rad, sigmas} if only this error is corrected, in the σ after it; and
     alternatives, the other corrections that would do instead.
     """
     if result.solve_result is None:

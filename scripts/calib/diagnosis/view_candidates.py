@@ -1,114 +1,155 @@
-"""Views that a sensor could be shown next: a target elsewhere and tilted, and that in words.
+"""Candidates for the next view of a target: other positions and tilts, and their description.
 
-All is said as the sensor sees it: directions by the parts of an image or the azimuth of a lidar,
-attitudes by the sensor's own upright, for nobody knows how a sensor hangs on the robot.
+Descriptions are relative to the sensor, because its attitude on the robot is arbitrary: parts of
+the image, or azimuths of a lidar; tilts relative to the upright direction of the sensor frame.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from calib.geometry.se3 import invert_pose, make_pose, so3_exp, transform_points
 from calib.sensors.camera.camera_model import CameraModel
+from calib.sensors.lidar.lidar_model import LidarModel
 
 TILT_DEG = 40.0
-NEAR_DISTANCE_FACTOR, FAR_DISTANCE_FACTOR = (
-    0.75,
-    1.25,
-)  # of the nearest and the farthest that was recorded
+NEAR_DISTANCE_FACTOR = 0.75  # of the smallest recorded distance
+FAR_DISTANCE_FACTOR = 1.25  # of the largest recorded distance
 AZIMUTHS_DEG = (0, 45, 90, 135, 180, -135, -90, -45)
-IMAGE_OFFSET_SHARE = 0.3  # of the image's size, from its middle
-HEIGHT_MARGIN_M = 0.3  # beyond those that targets had, at which nobody can hold one
+IMAGE_OFFSET_SHARE = 0.3  # of the image size, from the centre
+HEIGHT_MARGIN_M = 0.3  # beyond the recorded heights; targets cannot be held farther away
 IMAGE_COLUMN_NAMES = {-1: "left", 0: "", 1: "right"}
 IMAGE_ROW_NAMES = {-1: "upper", 0: "", 1: "lower"}
 
 
 class ViewCandidate(NamedTuple):
-    """T_sensor_target (4, 4), and where and how the target then is, in words."""
+    """A target pose T_sensor_target (4, 4), and its description relative to the sensor."""
 
     T_sensor_target: np.ndarray
     description: str
 
 
-def list_view_candidates(target, model, T_sensor_targets, heights, T_robot_sensor):
-    """Proposals for a target that a Camera or rig.Lidar saw at T_sensor_targets (k, 4, 4).
+class _Ray(NamedTuple):
+    """A unit vector (3,) from the sensor, and where it points."""
 
-    heights (2,): lowest and highest, m, along z of the robot's body, that targets were at; none is
-    proposed far beyond. A target without an axis is taken to be flat, as a board is.
+    direction: np.ndarray
+    description: str
+
+
+class _Orientation(NamedTuple):
+    """R_sensor_target (3, 3), and its description."""
+
+    rotation: np.ndarray
+    description: str
+
+
+class _ViewingAxes(NamedTuple):
+    """Unit vectors (3,) at a target, as the sensor sees it."""
+
+    right: np.ndarray
+    up: np.ndarray
+    toward: np.ndarray
+
+
+def list_view_candidates(
+    target: Any,
+    model: CameraModel | LidarModel,
+    T_sensor_targets: np.ndarray,
+    heights_m: Sequence[float],
+    T_robot_sensor: np.ndarray,
+) -> list[ViewCandidate]:
+    """Return candidates for a target that a sensor saw at T_sensor_targets (k, 4, 4).
+
+    heights_m: lowest and highest z, robot frame, of recorded targets; no candidate is far beyond. A
+    target without an axis is taken to be flat.
     """
-    attitudes = _cylinder_orientations if target.symmetry_axes else _board_orientations
-    low, high = heights[0] - HEIGHT_MARGIN_M, heights[1] + HEIGHT_MARGIN_M
+    orientations: Callable[[_ViewingAxes, np.ndarray], list[_Orientation]] = (
+        _cylinder_orientations if target.symmetry_axes else _board_orientations
+    )
+    low, high = heights_m[0] - HEIGHT_MARGIN_M, heights_m[1] + HEIGHT_MARGIN_M
+    centres = transform_points(T_sensor_targets, target.centre)
     out = []
-    for ray, where in _candidate_rays(model, T_sensor_targets, target):
-        for distance in _candidate_distances(T_sensor_targets, target):
-            at = ray * distance
-            if not low < transform_points(T_robot_sensor, at)[2] < high:
+    for ray in _candidate_rays(model, centres):
+        for distance in _candidate_distances_m(centres):
+            centre = ray.direction * distance
+            if not low < transform_points(T_robot_sensor, centre)[2] < high:
                 continue
-            for R, how in attitudes(_viewing_axes(model, ray), T_sensor_targets, target):
-                T = make_pose(R, at - R @ target.centre)
-                out.append(ViewCandidate(T, f"{distance:.1f} m away, {where}, {how}"))
+            for R, tilt in orientations(_viewing_axes(model, ray.direction), T_sensor_targets[0]):
+                T = make_pose(R, centre - R @ target.centre)
+                text = f"{distance:.1f} m away, {ray.description}, {tilt}"
+                out.append(ViewCandidate(T, text))
     return out
 
 
-def _candidate_distances(T, target):
-    """Distances, m, to tenths: nearer than recorded, and farther."""
-    found = np.linalg.norm(transform_points(T, target.centre), axis=1)
-    chosen = NEAR_DISTANCE_FACTOR * found.min(), FAR_DISTANCE_FACTOR * found.max()
+def _candidate_distances_m(centres: np.ndarray) -> list[float]:
+    """Return a distance below and one above those recorded, rounded to 0.1 m."""
+    recorded = np.linalg.norm(centres, axis=1)
+    chosen = NEAR_DISTANCE_FACTOR * recorded.min(), FAR_DISTANCE_FACTOR * recorded.max()
     return sorted({round(float(d), 1) for d in chosen} - {0.0})
 
 
-def _candidate_rays(model, T, target):
-    """[(unit ray (3,), in words)]: parts of an image, or azimuths of a lidar at the elevation that
-    the target was at."""
-    if isinstance(model, CameraModel):
-        size = np.array(model.size_px)
-        out = []
-        for row, level in IMAGE_ROW_NAMES.items():
-            for column, side in IMAGE_COLUMN_NAMES.items():
-                ray, seen = model.unproject(
-                    ((0.5 + IMAGE_OFFSET_SHARE * np.array([column, row])) * size)[None]
-                )
-                part = " ".join(w for w in (level, side) if w)
-                words = f"in the {part} part of the image" if part else "in the middle of the image"
-                if seen[0]:
-                    out.append((ray[0] / np.linalg.norm(ray[0]), words))
-        return out
-    p = transform_points(T, target.centre)
-    elevation = np.median(np.arctan2(p[:, 2], np.hypot(p[:, 0], p[:, 1])))
+def _candidate_rays(model: CameraModel | LidarModel, centres: np.ndarray) -> list[_Ray]:
+    """Return rays to parts of the image, or by azimuth at the elevation of recorded targets.
+
+    centres: (k, 3) of recorded targets, sensor frame.
+    """
+    return _image_rays(model) if isinstance(model, CameraModel) else _azimuth_rays(centres)
+
+
+def _image_rays(camera: CameraModel) -> list[_Ray]:
+    size, out = np.array(camera.size_px), []
+    for row, level in IMAGE_ROW_NAMES.items():
+        for column, side in IMAGE_COLUMN_NAMES.items():
+            pixel = (0.5 + IMAGE_OFFSET_SHARE * np.array([column, row])) * size
+            ray, is_valid = camera.unproject(pixel[None])
+            part = " ".join(word for word in (level, side) if word)
+            text = f"in the {part} part of the image" if part else "in the middle of the image"
+            if is_valid[0]:
+                out.append(_Ray(ray[0] / np.linalg.norm(ray[0]), text))
+    return out
+
+
+def _azimuth_rays(centres: np.ndarray) -> list[_Ray]:
+    elevation = np.median(np.arctan2(centres[:, 2], np.hypot(centres[:, 0], centres[:, 1])))
     level, rise = np.cos(elevation), np.sin(elevation)
-    azimuths = np.radians(AZIMUTHS_DEG)
-    rays = [np.array([level * np.cos(a), level * np.sin(a), rise]) for a in azimuths]
-    return [(r, f"at azimuth {d}° of the lidar") for r, d in zip(rays, AZIMUTHS_DEG, strict=True)]
+    return [
+        _Ray(
+            np.array([level * np.cos(azimuth), level * np.sin(azimuth), rise]),
+            f"at azimuth {degrees}° of the lidar",
+        )
+        for azimuth, degrees in zip(np.radians(AZIMUTHS_DEG), AZIMUTHS_DEG, strict=True)
+    ]
 
 
-def _viewing_axes(model, ray):
-    """(right, up, toward) unit vectors (3,) at the end of a ray, as the sensor sees it."""
+def _viewing_axes(model: CameraModel | LidarModel, ray: np.ndarray) -> _ViewingAxes:
     upright = np.array([0.0, -1, 0] if isinstance(model, CameraModel) else [0.0, 0, 1])
     right = np.cross(ray, upright)
     right /= np.linalg.norm(right)
-    return right, np.cross(right, ray), -ray
+    return _ViewingAxes(right, np.cross(right, ray), -ray)
 
 
-def _board_orientations(seen, T_sensor_targets, target):
-    """[(R (3, 3), in words)] of a flat target, its edges turned in its plane as recorded."""
-    right, up, toward = seen
-    x = T_sensor_targets[0][:3, 0]
+def _board_orientations(axes: _ViewingAxes, T_recorded: np.ndarray) -> list[_Orientation]:
+    """Return orientations of a flat target. T_recorded: (4, 4), for the direction of its edges."""
+    right, up, toward = axes
+    x = T_recorded[:3, 0]
     x = x - (x @ toward) * toward
     x = right if np.linalg.norm(x) < 0.1 else x / np.linalg.norm(x)
     facing = np.column_stack([x, np.cross(toward, x), toward])
     tilt = np.radians(TILT_DEG)
     turns = ((up, 1, "right"), (up, -1, "left"), (right, -1, "up"), (right, 1, "down"))
-    out = [(facing, "facing the sensor")]
+    out = [_Orientation(facing, "facing the sensor")]
     for axis, sign, side in turns:
         R = so3_exp(sign * tilt * axis) @ facing
-        out.append((R, f"its face turned {TILT_DEG:.0f}° {side} as the sensor sees it"))
+        text = f"its face turned {TILT_DEG:.0f}° {side} as the sensor sees it"
+        out.append(_Orientation(R, text))
     return out
 
 
-def _cylinder_orientations(seen, T_sensor_targets, target):
-    """[(R (3, 3), in words)] of a cylinder along x, the side that was seen towards the sensor."""
-    right, up, toward = seen
-    _, y, z = invert_pose(T_sensor_targets[0])[:3, 3]
+def _cylinder_orientations(axes: _ViewingAxes, T_recorded: np.ndarray) -> list[_Orientation]:
+    """Return orientations of a cylinder along x, with the recorded side towards the sensor."""
+    right, up, toward = axes
+    _, y, z = invert_pose(T_recorded)[:3, 3]
     tilt = np.radians(TILT_DEG)
     along = (
         (up, "upright"),
@@ -122,14 +163,13 @@ def _cylinder_orientations(seen, T_sensor_targets, target):
         ),
     )
     return [
-        (_cylinder_rotation(a / np.linalg.norm(a), toward, np.arctan2(z, y)), words)
-        for a, words in along
+        _Orientation(_cylinder_rotation(a / np.linalg.norm(a), toward, np.arctan2(z, y)), text)
+        for a, text in along
     ]
 
 
-def _cylinder_rotation(axis, toward, angle):
-    """R (3, 3) of a cylinder along an axis, turned about it so that it shows the sensor what lies
-    at an angle about its x."""
+def _cylinder_rotation(axis: np.ndarray, toward: np.ndarray, angle: float) -> np.ndarray:
+    """Return R (3, 3) of a cylinder along an axis; its side at `angle` about x faces the sensor."""
     side = toward - (toward @ axis) * axis
     side /= np.linalg.norm(side)
     y = np.cos(angle) * side - np.sin(angle) * np.cross(axis, side)
