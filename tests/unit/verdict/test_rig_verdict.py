@@ -93,9 +93,7 @@ def test_an_outline_100_mm_too_long_does_not_pass_and_is_named():
         make_synthetic_setup(0, MIXED, SyntheticWorld(targets=scale_outline(0.9, 1.0)))
     )
     assert levels == {"camera": "pass", "lidar": "warn"}
-    assert found[0]["text"].startswith(
-        "likely error: the outline of board differs from outline_m"
-    )
+    assert found[0]["text"].startswith("likely error: the outline of board differs from outline_m")
     said = re.findall(r"edge (\d) ([\d.]+) ± ([\d.]+) mm inside", found[0]["text"])
     assert {edge for edge, _, _ in said} == {"2", "4"}
     for _, off, sigma in said:
