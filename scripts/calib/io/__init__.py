@@ -1,2 +1,13 @@
-"""Files in and out: status of what failed, atomic writes, Parquet tables and their schemas, config
-files, pose blocks, YAML, URDF, the command line of a stage, and logs of all containers (logs/)."""
+"""Files in and out.
+
+status          status of what failed, and the errors that end a job
+stage_cli       command line, logging and JSON files of all stages
+config          config files, checked against their schemas and completed
+safe_yaml       bounded YAML loader
+pose_block      poses in config files and calibration.json
+parquet_tables  tables as columns of arrays, with a status
+table_schemas   columns of every table
+atomic_files    files that are complete or absent
+urdf            joints of a URDF
+logs            logs of all containers
+"""

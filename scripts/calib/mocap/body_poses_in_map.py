@@ -24,8 +24,8 @@ def compose_body_poses(
 
     chain: edges (parent, child) from the map to the body; columns_by_edge: of the moving
     edges, with faults; static_poses: pose blocks of the static edges; max_gap_ns: longest
-    gap to interpolate. The rows are those of the last moving edge; without one, those of the edge with most poses.
-    Returns None if nothing moves, or if a static transform is not a pose.
+    gap to interpolate. The rows are those of the last moving edge; without one, those of the
+    edge with most poses. Returns None if nothing moves, or if a static transform is not a pose.
     """
     moving = [e for e in chain if e in columns_by_edge]
     if moving:

@@ -1,1 +1,1 @@
-"""Motion capture messages. pose_messages is the registry of types; each file reads one family."""
+"""Messages of motion capture: pose_messages is the registry, each other file reads one family."""
