@@ -30,7 +30,7 @@ def make_once(tmp_path_factory, name, make):
 
 
 def copy_or_link(source, target):
-    """Copy a file; link a table, because the pipeline replaces tables and never writes into them."""
+    """Copy a file; link a table, which the pipeline replaces and never writes into."""
     if Path(source).suffix == ".parquet":
         os.link(source, target)
     else:

@@ -86,9 +86,15 @@ def setup():
             MeasurementGroup("camera", len(places) - 1, "pattern_corner", columns, is_moving=True)
         )
     made = Setup(
-        {"camera": CAMERA}, {"board": BOARD}, places, groups, ASSOCIATE_SETTINGS, {},
-        initial_mounts={"board": mount.value}, corrections=(TimeOffsetCorrection("camera", np.array([0.1])),),
-    )  # fmt: skip
+        {"camera": CAMERA},
+        {"board": BOARD},
+        places,
+        groups,
+        ASSOCIATE_SETTINGS,
+        {},
+        initial_mounts={"board": mount.value},
+        corrections=(TimeOffsetCorrection("camera", np.array([0.1])),),
+    )
     return made, {"camera": T_world_camera}
 
 

@@ -198,23 +198,38 @@ BODIES_BY_TOPIC = {f"/mocap/{b}": b for b in (ROBOT_BODY, BOARD_BODY)}
 MOCAP_TYPES = {
     "TFMessage": (make_tf_rows, ["/tf"], (ROBOT_BODY, BOARD_BODY)),
     "TransformStamped": (
-        make_rows_per_body("geometry_msgs/msg/TransformStamped", _transform_message), list(BODIES_BY_TOPIC), (ROBOT_BODY, BOARD_BODY),
+        make_rows_per_body("geometry_msgs/msg/TransformStamped", _transform_message),
+        list(BODIES_BY_TOPIC),
+        (ROBOT_BODY, BOARD_BODY),
     ),
-    "PoseStamped": (make_rows_per_body("geometry_msgs/msg/PoseStamped", _pose_stamped_message), BODIES_BY_TOPIC, (ROBOT_BODY, BOARD_BODY)),
+    "PoseStamped": (
+        make_rows_per_body("geometry_msgs/msg/PoseStamped", _pose_stamped_message),
+        BODIES_BY_TOPIC,
+        (ROBOT_BODY, BOARD_BODY),
+    ),
     "PoseStamped, bodies by topic": (
-        make_rows_per_body("geometry_msgs/msg/PoseStamped", _pose_stamped_message), list(BODIES_BY_TOPIC), tuple(BODIES_BY_TOPIC),
+        make_rows_per_body("geometry_msgs/msg/PoseStamped", _pose_stamped_message),
+        list(BODIES_BY_TOPIC),
+        tuple(BODIES_BY_TOPIC),
     ),
     "PoseWithCovarianceStamped": (
         make_rows_per_body("geometry_msgs/msg/PoseWithCovarianceStamped", _pose_covariance_stamped),
-        BODIES_BY_TOPIC, (ROBOT_BODY, BOARD_BODY),
+        BODIES_BY_TOPIC,
+        (ROBOT_BODY, BOARD_BODY),
     ),
-    "Odometry": (make_rows_per_body("nav_msgs/msg/Odometry", _odometry_message), list(BODIES_BY_TOPIC), (ROBOT_BODY, BOARD_BODY)),
+    "Odometry": (
+        make_rows_per_body("nav_msgs/msg/Odometry", _odometry_message),
+        list(BODIES_BY_TOPIC),
+        (ROBOT_BODY, BOARD_BODY),
+    ),
     "RigidBodies": (make_rigid_bodies_rows, {"/bodies": None}, (ROBOT_BODY, BOARD_BODY)),
     "NamedPoseArray": (make_named_poses_rows, ["/poses"], (ROBOT_BODY, BOARD_BODY)),
     "Position": (
-        make_rows_per_body("vicon_receiver/msg/Position", _vicon_position_message), list(BODIES_BY_TOPIC), ("robot/robot", "board/board"),
+        make_rows_per_body("vicon_receiver/msg/Position", _vicon_position_message),
+        list(BODIES_BY_TOPIC),
+        ("robot/robot", "board/board"),
     ),
-}  # fmt: skip
+}
 
 
 def make_small_image(t):

@@ -74,7 +74,8 @@ def scale_focal_length(factor):
 def make_synthetic_setup(
     seed, layout, world=None, mcs_noise_factor=1.0, measurement_noise_factor=1.0
 ):
-    """A Setup of placements [(target, axis of a cylinder or None)]; mcs and measurement_noise_factor: times theirs.
+    """A Setup of placements [(target, axis of a cylinder or None)]; mcs and
+    measurement_noise_factor: times theirs.
 
     The camera sees boards, the lidar everything. Placements are the same for every seed.
     """

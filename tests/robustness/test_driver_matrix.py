@@ -145,11 +145,21 @@ def commands(tmp_path_factory):
     known = record_driver_scene()
     zero = {"xyz_m": 1e-8, "rpy_deg": 1e-6}
     sensors = {
-        "lidar": {"kind": "lidar", "topic": driver_recordings.CLOUD_TOPIC, "azimuth_step_deg": 0.5,
-                  "elevation_step_deg": 2.0, "range_sigma_m": 0.001},
-        "camera": {"kind": "camera", "topic": driver_recordings.IMAGE_TOPIC, "model": "radtan",
-                   "size_px": list(driver_recordings.IMAGE_SIZE_PX), "params": list(driver_recordings.LENS_PARAMS)},
-    }  # fmt: skip
+        "lidar": {
+            "kind": "lidar",
+            "topic": driver_recordings.CLOUD_TOPIC,
+            "azimuth_step_deg": 0.5,
+            "elevation_step_deg": 2.0,
+            "range_sigma_m": 0.001,
+        },
+        "camera": {
+            "kind": "camera",
+            "topic": driver_recordings.IMAGE_TOPIC,
+            "model": "radtan",
+            "size_px": list(driver_recordings.IMAGE_SIZE_PX),
+            "params": list(driver_recordings.LENS_PARAMS),
+        },
+    }
     for name, T in known.guess_poses.items():
         sensors[name]["T_robot_sensor"] = rounded_pose_json(T)
     mocap = {

@@ -31,7 +31,8 @@ MAX_RMS_RATIO, MAX_SINGLE_RATIO = (
     2.0,
 )  # largest error over the reference accuracy: RMS of many logs; any one
 COVERAGE_GOAL = (0.93, 0.97)  # share of the 95 % ellipsoids that hold the truth
-FULL_RUN_ARGUMENTS = (  # arguments of simulate.py of the small logs that run through the whole pipeline
+# Of simulate.py, for the small logs that run through the whole pipeline.
+FULL_RUN_ARGUMENTS = (
     f"--targets board --placements 5 --hold-s 0.8 --range-noise-m {RANGE_NOISE_M} --image-noise 1.8"
     " --blur-px 0.7 --mcs-noise-m 0.00015 --mcs-noise-deg 0.02"
 )

@@ -46,8 +46,8 @@ class DrawStatistics:
 def compute_draw_statistics(
     draws: list[DrawResult], reference: ndarray, reference_without_outlines: ndarray
 ) -> DrawStatistics:
-    """The Statistics of Draws, of which one at least has a result; reference, reference_without_outlines: covariances
-    (6, 6)."""
+    """The Statistics of Draws, of which one at least has a result; reference,
+    reference_without_outlines: covariances (6, 6)."""
     good = [d for d in draws if d.error is not None]
     errors, covariances = (np.array([getattr(d, k) for d in good]) for k in ("error", "covariance"))
     sizes, size, mean = (

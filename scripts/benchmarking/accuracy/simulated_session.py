@@ -68,9 +68,8 @@ def load_simulated_session(
 ) -> SimulatedSession:
     """The Recording of the folder of a session's results and of that of its simulated log.
 
-    settings: the config of the run, complete; row: of the benchmark, for sensor and target; noise_arguments:
-    arguments of simulate.py that make the noise to be drawn.
-    """
+    settings: the config of the run, complete; row: of the benchmark, for sensor and target;
+    noise_arguments: arguments of simulate.py that make the noise to be drawn."""
     arguments = json.loads((log_folder / "truth.json").read_text())["arguments"]
     loud = {
         key: getattr(parse_simulation_arguments(["-", *noise_arguments]), key)

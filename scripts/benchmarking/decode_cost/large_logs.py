@@ -66,7 +66,7 @@ def _register_channels(writer: Writer) -> dict[str, int]:
     return out
 
 
-def _generate_messages() -> Iterator[tuple[int, str, bytes]]:
+def _generate_messages() -> Iterator[tuple[int, str, bytearray]]:
     """(log time, ns, topic, bytes) without an end, by log time."""
     rng = np.random.default_rng(0)
     make = {"lidar": _make_cloud_bytes, "camera": _make_image_bytes}
@@ -91,8 +91,8 @@ def _generate_messages() -> Iterator[tuple[int, str, bytes]]:
         tick += 1
 
 
-def _serialize_message(message: Any) -> bytes:
-    return bytes(ros_messages.ROS2_TYPES.serialize_cdr(message, message.__msgtype__))
+def _serialize_message(message: Any) -> bytearray:
+    return bytearray(ros_messages.ROS2_TYPES.serialize_cdr(message, message.__msgtype__))
 
 
 def _make_cloud_bytes(rng: np.random.Generator, frame: str) -> bytes:

@@ -131,7 +131,8 @@ def check_lab_goals(outcomes: dict[tuple[str, bool], list[LabOutcome]], fault: s
     return out
 
 
-LAB_TEMPLATE = """{logs} per line of a lidar and a camera, a board and a cylinder, 12 placements, through
+LAB_TEMPLATE = """\
+{logs} per line of a lidar and a camera, a board and a cylinder, 12 placements, through
 the whole pipeline, with the noise of a laboratory. The same seed makes the same rig, noise and
 placements, so that a line differs from the first by its fault alone.
 

@@ -182,8 +182,9 @@ def decode_cpu_ratio(run_speed: RunSpeed) -> float:
 def describe_decode_cost(run_speed: RunSpeed) -> str:
     """A sentence on decode against mcap's own reader."""
     return (
-        f"mcap's own reader takes {format_two_digits(run_speed.raw_cpu_s)} s CPU to hand out the same messages undecoded; "
-        f"decode, start of Python included, {format_two_digits(decode_cpu_ratio(run_speed))} × that, goal {MAX_CPU_RATIO} ×."
+        f"mcap's own reader takes {format_two_digits(run_speed.raw_cpu_s)} s CPU to hand out the "
+        "same messages undecoded; decode, start of Python included, "
+        f"{format_two_digits(decode_cpu_ratio(run_speed))} × that, goal {MAX_CPU_RATIO} ×."
     )
 
 
@@ -196,8 +197,8 @@ def render_benchmark_page(
     sections: Sequence[PageSection],
     is_quick: bool,
 ) -> str:
-    """The page; draw_results: (draws, coverage, full runs); sections: [Section] after those; is_quick: only
-    the smallest N."""
+    """The page; draw_results: (draws, coverage, full runs); sections: [Section] after those;
+    is_quick: only the smallest N."""
     parts = {
         "command": "make benchmark-quick" if is_quick else "make benchmark",
         "machine": describe_machine(),

@@ -29,8 +29,8 @@ MIN_DRAWN_ERROR = (1e-6, 1e-7)  # mm, deg: below it an error is drawn at the edg
 def collect_chart_marks(
     line: AccuracyLine, draw_statistics: dict[tuple[str, int], DrawStatistics]
 ) -> dict[str, tuple[float, float]]:
-    """{what: (mm, deg)} that one line puts into the figure; draw_statistics: {(key, N): Statistics} of many
-    draws of the noise, which say more than the error of one log."""
+    """{what: (mm, deg)} that one line puts into the figure; draw_statistics: {(key, N): Statistics}
+    of many draws of the noise, which say more than the error of one log."""
     out: dict[str, tuple[float, float] | None] = {line.method: line.error}
     if line.method == DEFAULT_METHOD:
         many = draw_statistics.get((line.row.key, line.n_placements))

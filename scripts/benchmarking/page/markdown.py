@@ -56,12 +56,14 @@ def format_share_percent(share: float | float64) -> str:
 def check_error_goal(
     case_label: str, error: tuple[float, float], goal: tuple[float, float], goal_note: str = ""
 ) -> list[str | Any]:
-    """Sentences on what of `got` (mm, deg) is above the goal (mm, deg); goal_note: what that goal is."""
+    """Sentences on what of `got` (mm, deg) is above the goal (mm, deg); goal_note: what that goal
+    is."""
     out = []
     for value, most, unit in zip(error, goal, ERROR_UNITS, strict=True):
         if not value <= most:
             out.append(
-                f"{case_label}: {format_two_digits(value)}{unit} is {format_two_digits(value / most)} × the goal, "
+                f"{case_label}: {format_two_digits(value)}{unit} is "
+                f"{format_two_digits(value / most)} × the goal, "
                 f"{format_two_digits(most)}{unit}{goal_note}"
             )
     return out

@@ -81,7 +81,8 @@ def _format_draw_row(row: AccuracyRow, n_placements: int, statistics: DrawStatis
         format_goal_ratio(statistics.rms_error, statistics.reference),
         format_mm_deg(most),
         format_goal_ratio(statistics.rms_error, most),
-        f"{format_share_percent(statistics.outlier_share)} ({format_share_percent(statistics.gaussian_outlier_share)})",
+        f"{format_share_percent(statistics.outlier_share)} "
+        f"({format_share_percent(statistics.gaussian_outlier_share)})",
         format_nees_band(statistics.mean_nees, statistics.n_results),
         format_two_digits(statistics.mean_error_nees),
         format_share_percent(statistics.share_covered),
@@ -143,7 +144,8 @@ def check_draw_goals(
             if not low <= c.share_covered[name] <= high:
                 ends = f"{format_share_percent(low)} to {format_share_percent(high)}"
                 out.append(
-                    f"{where}: ellipsoids hold {format_share_percent(c.share_covered[name])}, goal {ends}"
+                    f"{where}: ellipsoids hold {format_share_percent(c.share_covered[name])}, "
+                    f"goal {ends}"
                 )
     for name, s in sorted(run_statistics.items()):
         where = f"full runs, {name}"
@@ -170,8 +172,10 @@ def _check_row_goals(row: AccuracyRow, n_placements: int, statistics: DrawStatis
     )
     if row.goals is None and statistics.outlier_share > 0:
         out.append(
-            f"{where}: {format_share_percent(statistics.outlier_share)} err by more than {MAX_SINGLE_RATIO:g} × the reference, one by "
-            f"{format_two_digits(statistics.worst_error_ratio)} ×; of an efficient estimator {format_share_percent(statistics.gaussian_outlier_share)} would"
+            f"{where}: {format_share_percent(statistics.outlier_share)} err by more than "
+            f"{MAX_SINGLE_RATIO:g} × the reference, one by "
+            f"{format_two_digits(statistics.worst_error_ratio)} ×; of an efficient estimator "
+            f"{format_share_percent(statistics.gaussian_outlier_share)} would"
         )
     return out + check_nees_band(where, statistics.mean_nees, statistics.n_results)
 
@@ -180,7 +184,8 @@ def describe_failed_draws(case_label: str, statistics: DrawStatistics) -> list[s
     """A sentence on draws without a pose, if there are any."""
     return (
         [
-            f"{case_label}: {statistics.n_failures} of {statistics.n_results + statistics.n_failures}"
+            f"{case_label}: {statistics.n_failures} of "
+            f"{statistics.n_results + statistics.n_failures}"
             " without a pose"
         ]
         if statistics.n_failures
@@ -195,5 +200,6 @@ def check_nees_band(case_label: str, nees: float, n_draws: int, n_dof: int = 6) 
         return []
     ends = f"{format_two_digits(low)} to {format_two_digits(high)}"
     return [
-        f"{case_label}: NEES over its degrees of freedom is {format_two_digits(nees)}, of an honest σ {ends}"
+        f"{case_label}: NEES over its degrees of freedom is {format_two_digits(nees)}, "
+        f"of an honest σ {ends}"
     ]

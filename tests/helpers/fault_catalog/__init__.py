@@ -1,1 +1,2 @@
-"""Faults of recordings by name: all_faults lists them, fault_table measures them for docs/faults.md."""
+"""Faults of recordings by name: all_faults lists them, fault_table measures them for
+docs/faults.md."""

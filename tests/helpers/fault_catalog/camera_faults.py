@@ -120,26 +120,40 @@ def lengthen_focal_length(session, rig, targets):
 
 CAMERA_FAULTS = {
     "blurred": FaultCase(
-        "every third image is smeared over 25 px", "camera", damage_images(smear_image, select_every_nth(3)),
+        "every third image is smeared over 25 px",
+        "camera",
+        damage_images(smear_image, select_every_nth(3)),
     ),
-    "black": FaultCase("every third image is black", "camera", damage_images(lambda p: 0 * p, select_every_nth(3))),
+    "black": FaultCase(
+        "every third image is black", "camera", damage_images(lambda p: 0 * p, select_every_nth(3))
+    ),
     "dropped": FaultCase(
-        "two images of three are missing", "camera",
+        "two images of three are missing",
+        "camera",
         drop_rows(lambda row, i: row[1] in (IMAGE_TOPIC, CAMERA_INFO_TOPIC) and i % 3 > 0),
     ),
     "another_resolution": FaultCase(
-        "images have half the size from the middle of the log on", "px (size_px)",
+        "images have half the size from the middle of the log on",
+        "px (size_px)",
         damage_images(halve_image, lambda number: number > 17),
     ),
     "jpeg_cut": FaultCase(
-        "every fourth JPEG is cut short", "that is cut short", send_compressed_images(".jpg", truncate_every_fourth),
+        "every fourth JPEG is cut short",
+        "that is cut short",
+        send_compressed_images(".jpg", truncate_every_fourth),
         change_config=use_compressed_topic,
     ),
-    "label_bgr8": FaultCase("grey images labelled bgr8", "the message is damaged", set_encoding_label("bgr8")),
+    "label_bgr8": FaultCase(
+        "grey images labelled bgr8", "the message is damaged", set_encoding_label("bgr8")
+    ),
     "video": FaultCase("H.264 in place of images", "carries another type", send_video),
     "info_changes": FaultCase(
-        "CameraInfo changes within the log", "changes within the log", damage_camera_info(zoom_second_half),
+        "CameraInfo changes within the log",
+        "changes within the log",
+        damage_camera_info(zoom_second_half),
         change_config=use_camera_info,
     ),
-    "focal_wrong": FaultCase("a focal length that is 1 % wrong", "focal", change_config=lengthen_focal_length),
-}  # fmt: skip
+    "focal_wrong": FaultCase(
+        "a focal length that is 1 % wrong", "focal", change_config=lengthen_focal_length
+    ),
+}

@@ -43,9 +43,15 @@ TABLE_SENSORS = ("velodyne", "camera")
 SENSOR_TITLES = {"velodyne": "lidar", "camera": "camera"}
 NO_SENSOR = ("",)
 STAGE_SENSORS = (
-    (decode, NO_SENSOR), (gate, NO_SENSOR), (guess, TABLE_SENSORS), (crop, TABLE_SENSORS), (extract, TABLE_SENSORS),
-    (associate, NO_SENSOR), (solve, NO_SENSOR), (judge, NO_SENSOR),
-)  # fmt: skip
+    (decode, NO_SENSOR),
+    (gate, NO_SENSOR),
+    (guess, TABLE_SENSORS),
+    (crop, TABLE_SENSORS),
+    (extract, TABLE_SENSORS),
+    (associate, NO_SENSOR),
+    (solve, NO_SENSOR),
+    (judge, NO_SENSOR),
+)
 MAX_ERROR_RATIO = 1.3  # times the error of the clean log
 CLEAN_NAME = "clean"
 VERDICT_SUFFIX = {"pass": "", "warn": ", warned", "fail": ", failed"}
@@ -144,8 +150,8 @@ def measure_fault(folder, has_kept_run):
 
 
 def measure_all_faults(work, fault_names, has_kept_run=False, cores=2):
-    """{name: Outcome} of the clean recording and of those faults; has_kept_run: use what an earlier run
-    left."""
+    """{name: Outcome} of the clean recording and of those faults; has_kept_run: use what an earlier
+    run left."""
     simulate_clean_rows("")
     found = dict([measure_fault(work / CLEAN_NAME, has_kept_run)])
     with ProcessPoolExecutor(cores, get_context("fork")) as pool:
@@ -193,7 +199,8 @@ def format_error_cell(outcome, clean_outcome, sensor):
     if outcome.errors[sensor] is None:
         return "none"
     m, rad = outcome.errors[sensor]
-    return f"{1e3 * m:.2f} mm {np.degrees(rad):.4f}° ({compute_error_ratio(outcome, clean_outcome, sensor):.2f})"
+    ratio = compute_error_ratio(outcome, clean_outcome, sensor)
+    return f"{1e3 * m:.2f} mm {np.degrees(rad):.4f}° ({ratio:.2f})"
 
 
 def format_fault_row(fault_name, outcome, clean_outcome):
@@ -202,7 +209,8 @@ def format_fault_row(fault_name, outcome, clean_outcome):
     said = escape_table_cell(find_fault_message(fault, outcome, clean_outcome)) or "–"
     errors = [format_error_cell(outcome, clean_outcome, s) for s in TABLE_SENSORS]
     what = f"{fault.description}. {fault.note}" if fault.note else fault.description
-    return f"| `{fault_name}` | {what} | {said} | {' | '.join(errors)} | {describe_consequence(outcome, clean_outcome)} |"
+    cells = [f"`{fault_name}`", what, said, *errors, describe_consequence(outcome, clean_outcome)]
+    return f"| {' | '.join(cells)} |"
 
 
 def escape_table_cell(text):

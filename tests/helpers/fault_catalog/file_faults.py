@@ -42,41 +42,59 @@ def rotate_lidar_guess(session, rig, targets):
 REVERSED_MOUNT = {"xyz_m": [0.0, 0.0, 0.0], "rpy_deg": [0.0, 180.0, 0.0]}
 FILE_FAULTS = {
     "truncated": FaultCase(
-        "a recorder that crashed: the last 20 % of the file are missing", "breaks off after byte",
+        "a recorder that crashed: the last 20 % of the file are missing",
+        "breaks off after byte",
         damage_bytes=lambda data: data[: int(0.8 * len(data))],
     ),
     "bits_flipped": FaultCase("wrong bits in the file", "sim", damage_bytes=flip_chunk_bits),
     "zero_bytes": FaultCase("a log of zero bytes", "logs/sim", damage_bytes=lambda data: b""),
-    "blank": FaultCase("a log of zeros only", "logs/sim", damage_bytes=lambda data: bytes(len(data))),
-    "split_lost": FaultCase(
-        "metadata.yaml names a file that is not there", "logs/sim", write_log=write_incomplete_split,
+    "blank": FaultCase(
+        "a log of zeros only", "logs/sim", damage_bytes=lambda data: bytes(len(data))
     ),
-    "wrong_suffix": FaultCase("an MCAP that is called .log", "logs/sim", write_log=write_wrong_suffix),
+    "split_lost": FaultCase(
+        "metadata.yaml names a file that is not there",
+        "logs/sim",
+        write_log=write_incomplete_split,
+    ),
+    "wrong_suffix": FaultCase(
+        "an MCAP that is called .log", "logs/sim", write_log=write_wrong_suffix
+    ),
     "topic_wrong": FaultCase(
-        "the camera's topic is misspelt in the rig", "is not in the log",
+        "the camera's topic is misspelt in the rig",
+        "is not in the log",
         change_config=change_sensor_config("camera", topic="/camera/image_rwa"),
     ),
     "few_views": FaultCase(
-        "only the first three placements are recorded", "placements",
+        "only the first three placements are recorded",
+        "placements",
         change_config=lambda session, rig, targets: session.update(to_s=6.3),
     ),
     "square_wrong": FaultCase(
-        "squares of the pattern are 80 mm, not 78 as stated", "a wrong size",
+        "squares of the pattern are 80 mm, not 78 as stated",
+        "a wrong size",
         change_config=change_pattern_config(square_m=0.078),
     ),
     "targets_larger": FaultCase(
-        "targets are built 3 % larger than stated", "likely error", simulate_arguments="--target-scale 1.03",
+        "targets are built 3 % larger than stated",
+        "likely error",
+        simulate_arguments="--target-scale 1.03",
         note="Outline, pattern and radius at once: the outline is named, the others are not",
     ),
     "board_backward": FaultCase(
-        "the board is stated the wrong way round", "seen from behind",
+        "the board is stated the wrong way round",
+        "seen from behind",
         change_config=change_board_config(T_body_target=REVERSED_MOUNT),
     ),
     "mount_far_off": FaultCase(
-        "the board sits 40 mm from where T_body_target says", "board",
-        change_config=change_board_config(T_body_target={"xyz_m": [0.03, 0.026, 0.0], "rpy_deg": [0.0, 0.0, 0.0]}),
+        "the board sits 40 mm from where T_body_target says",
+        "board",
+        change_config=change_board_config(
+            T_body_target={"xyz_m": [0.03, 0.026, 0.0], "rpy_deg": [0.0, 0.0, 0.0]}
+        ),
     ),
     "guess_turned": FaultCase(
-        "the first guess of the lidar is turned by 90°", "view", change_config=rotate_lidar_guess,
+        "the first guess of the lidar is turned by 90°",
+        "view",
+        change_config=rotate_lidar_guess,
     ),
-}  # fmt: skip
+}

@@ -123,35 +123,47 @@ def drop_point_fields(*field_names):
 LIDAR_FAULTS = {
     "no_ring": FaultCase("no field for the ring", "velodyne: ring", drop_point_fields("ring")),
     "no_time": FaultCase(
-        "no field for the time of a point", "velodyne: time", drop_point_fields("time"),
+        "no field for the time of a point",
+        "velodyne: time",
+        drop_point_fields("time"),
         note="Fewer than half of the scans count, and none in motion",
     ),
     "time_in_us": FaultCase(
-        "times in microseconds, as 32-bit floats", "velodyne: time", convert_point_times("f4", 1e6),
+        "times in microseconds, as 32-bit floats",
+        "velodyne: time",
+        convert_point_times("f4", 1e6),
     ),
     "stamp_at_end": FaultCase(
-        "stamps of the scan's end, but times from its begin", "velodyne: time",
+        "stamps of the scan's end, but times from its begin",
+        "velodyne: time",
         damage_topic(CLOUD_TOPIC, stamp_scan_end),
     ),
     "time_tai": FaultCase(
-        "times of points in TAI, 37 s ahead of the stamps", "velodyne: time", use_another_clock(37.0),
+        "times of points in TAI, 37 s ahead of the stamps",
+        "velodyne: time",
+        use_another_clock(37.0),
     ),
     "nothing_nan": FaultCase("beams without a return as NaN", "", add_missing_returns(np.nan)),
     "organised": FaultCase("an organised cloud", "", damage_topic(CLOUD_TOPIC, organize_cloud)),
     "big_endian": FaultCase("a big-endian cloud", "", damage_topic(CLOUD_TOPIC, make_big_endian)),
     "half_the_scans": FaultCase(
-        "every second scan is missing", "velodyne",
+        "every second scan is missing",
+        "velodyne",
         drop_rows(lambda row, i: row[1] == CLOUD_TOPIC and i % 2 == 1),
     ),
-    "empty_clouds": FaultCase("every third cloud is empty", "velodyne", damage_topic(CLOUD_TOPIC, empty_every_third)),
+    "empty_clouds": FaultCase(
+        "every third cloud is empty", "velodyne", damage_topic(CLOUD_TOPIC, empty_every_third)
+    ),
     "damaged_clouds": FaultCase(
-        "every fourth cloud claims a thousand times its points", "the message is damaged",
+        "every fourth cloud claims a thousand times its points",
+        "the message is damaged",
         damage_topic(CLOUD_TOPIC, inflate_cloud_width),
     ),
     "packets": FaultCase("the lidar's packets in place of clouds", "packets", send_packets),
     "cloud_in_body_frame": FaultCase(
-        "a cloud that the driver has moved into the robot's frame", "first guess",
+        "a cloud that the driver has moved into the robot's frame",
+        "first guess",
         damage_clouds(transform_into_body),
         note="What is found is the pose of the frame that the cloud is in",
     ),
-}  # fmt: skip
+}

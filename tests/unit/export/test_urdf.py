@@ -67,7 +67,7 @@ ROBOT = """\
   <transmission name="t"><joint name="wheel_joint"><origin xyz="7 7 7"/></joint></transmission>
 </robot>
 
-"""
+"""  # noqa: E501
 T_BASE_LIDAR = pose_from_rpy([0.31, 0.02, 0.64], [0.02, -0.03, 0.25])
 T_BASE_CAMERA = pose_from_rpy([0.4, -0.1, 0.6], [-1.6, 0.03, -1.5])
 
@@ -229,21 +229,37 @@ def test_any_pose_comes_back_from_the_file(values):
 @pytest.mark.parametrize(
     "old, new, parent, words",
     [
-        ('<child link="velodyne"/>', '<child link="velodyne_2"/>', "base_link",
-         "no joint has the child link velodyne; expected the frame of its messages. "
-         "Did you mean velodyne_2?"),
+        (
+            '<child link="velodyne"/>',
+            '<child link="velodyne_2"/>',
+            "base_link",
+            "no joint has the child link velodyne; expected the frame of its messages. "
+            "Did you mean velodyne_2?",
+        ),
         ("type='fixed'", "type='revolute'", "base_link", "joint lidar is revolute"),
-        ('xyz="0.2 0 0.1"', 'xyz="${x} 0 0"', "base_link",
-         "joint lidar: its origin is an expression of xacro, xyz='${x} 0 0'"),
-        ('xyz="0.2 0 0.1"', 'xyz="0.2 0"', "base_link",
-         "joint lidar: its origin has xyz='0.2 0', expected three numbers"),
-        ('xyz="0.2 0 0.1"', 'xyz="0 0 0" quat_xyzw="0 0 0 1"', "base_link",
-         "joint lidar: its origin has quat_xyzw beside xyz and rpy"),
+        (
+            'xyz="0.2 0 0.1"',
+            'xyz="${x} 0 0"',
+            "base_link",
+            "joint lidar: its origin is an expression of xacro, xyz='${x} 0 0'",
+        ),
+        (
+            'xyz="0.2 0 0.1"',
+            'xyz="0.2 0"',
+            "base_link",
+            "joint lidar: its origin has xyz='0.2 0', expected three numbers",
+        ),
+        (
+            'xyz="0.2 0 0.1"',
+            'xyz="0 0 0" quat_xyzw="0 0 0 1"',
+            "base_link",
+            "joint lidar: its origin has quat_xyzw beside xyz and rpy",
+        ),
         ("", "", "mocap/robot", "no fixed joints lead from mocap/robot to mast"),
         ("", "", "wheel", "no fixed joints lead from wheel to mast"),
         ("", "", "camera_link", "no fixed joints lead from camera_link to mast"),
     ],
-)  # fmt: skip
+)
 def test_a_joint_that_cannot_be_placed_stays_and_the_reason_is_given(old, new, parent, words):
     text = ROBOT.replace(old, new) if old else ROBOT
     after, placed, unplaced = patched(text, described(parent, velodyne=T_BASE_LIDAR))
@@ -475,16 +491,22 @@ def complete(**more):
     [
         ({"guess_from": "none.urdf"}, "sim.yaml: guess_from: no file none.urdf in "),
         ({"export": {"urdf": "none.urdf"}}, "sim.yaml: export.urdf: no file none.urdf in "),
-        ({"export": {"parent": {"sensor": "velodine"}}},
-         "sim.yaml: export.parent: no sensor velodine. Did you mean velodyne?"),
-        ({"export": {"body_frames": {"left": "x"}}},
-         "sim.yaml: export.body_frames: no sensor left. Known: velodyne"),
-        ({"export": {"parent": {"frame": "base_link"}}},
-         "export.parent: {'frame': 'base_link'}; expected Parent frame of the exports: frame with "
-         "T_parent_robot"),
+        (
+            {"export": {"parent": {"sensor": "velodine"}}},
+            "sim.yaml: export.parent: no sensor velodine. Did you mean velodyne?",
+        ),
+        (
+            {"export": {"body_frames": {"left": "x"}}},
+            "sim.yaml: export.body_frames: no sensor left. Known: velodyne",
+        ),
+        (
+            {"export": {"parent": {"frame": "base_link"}}},
+            "export.parent: {'frame': 'base_link'}; expected Parent frame of the exports: frame "
+            "with T_parent_robot",
+        ),
         ({"export": {"parents": {}}}, "export: unknown key parents. Did you mean parent?"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_export_block_is_refused_before_anything_runs(tmp_path, more, words):
     path = tmp_path / "sim.yaml"
     write_json(path, complete(**more))

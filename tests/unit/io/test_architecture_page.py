@@ -1,4 +1,4 @@
-"""docs/architecture.md: its tables are those of the Arrow schemas, its folders those of the library."""
+"""docs/architecture.md lists the columns of the Arrow schemas and the packages of the library."""
 
 import re
 

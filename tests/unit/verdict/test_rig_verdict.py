@@ -150,14 +150,30 @@ SPOILED = {
     "mocap_factor": (lambda s: s["noise"].update(mocap_factor=31.0), "fail", 31.0),
     "rejected": (lambda s: s["sensors"]["lidar"].update(rejected_share=0.3), "warn", 0.3),
     "placements": (lambda s: s["sensors"]["lidar"].update(placements=2), "fail", 2),
-    "guess_deviation_sigma": (lambda s: s["sensors"]["lidar"].update(guess_deviation_in_sigma=4.0), "warn", 4.0),
-    "leave_one_out": (lambda s: s["sensors"]["lidar"]["leave_one_out"].update(error_over_sigma=5.0), "fail", 5.0),
-    "tail_share": (lambda s: s["sensors"]["lidar"]["fit_by_kind"]["target_surface"].update(tail_share=0.05), "warn", 0.05),
+    "guess_deviation_sigma": (
+        lambda s: s["sensors"]["lidar"].update(guess_deviation_in_sigma=4.0),
+        "warn",
+        4.0,
+    ),
+    "leave_one_out": (
+        lambda s: s["sensors"]["lidar"]["leave_one_out"].update(error_over_sigma=5.0),
+        "fail",
+        5.0,
+    ),
+    "tail_share": (
+        lambda s: s["sensors"]["lidar"]["fit_by_kind"]["target_surface"].update(tail_share=0.05),
+        "warn",
+        0.05,
+    ),
     "systematic": (
-        lambda s: s["sensors"]["lidar"]["fit_by_kind"]["target_surface"].update(systematic_ratio=20.0), "fail", 20.0
+        lambda s: s["sensors"]["lidar"]["fit_by_kind"]["target_surface"].update(
+            systematic_ratio=20.0
+        ),
+        "fail",
+        20.0,
     ),
     "convergence": (lambda s: s.update(has_converged=False), "warn", None),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("check", SPOILED)
