@@ -3,5 +3,4 @@
 assignment     what every kind returns: features, residuals, weights
 robust_loss    Tukey's biweight: weight and cost
 nearest_point  shared by the kinds that are compared with points of a template
-unit_normal    shared by the kinds that are compared with a straight edge or limb
 """

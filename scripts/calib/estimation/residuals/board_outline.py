@@ -10,6 +10,7 @@ determines the direction of an edge, not its range.
 from collections.abc import Mapping
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from calib.estimation.residuals.assignment import (
@@ -19,7 +20,6 @@ from calib.estimation.residuals.assignment import (
     ResidualExpression,
     number_repeat_groups,
 )
-from calib.estimation.residuals.unit_normal import dot, unit_normal
 from calib.geometry.numpy_or_casadi import ArrayOrExpression
 from calib.geometry.polygon import nearest_polygon_edge
 from calib.geometry.se3 import invert_pose, transform_points
@@ -55,7 +55,8 @@ def assign(
     index, fraction = nearest_polygon_edge(target.vertices, hit[:, :2], features)
     ends = target.outline_edges()[index]
     a, b = (transform_points(T_sensor_target, ends[:, k]) for k in (0, 1))
-    normal = np.column_stack(unit_normal(a.T, b.T))
+    normal = np.cross(a, b)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
     outwards = -np.sign(normal @ transform_points(T_sensor_target, target.centre[None])[0])
     dilation = outwards * model.outline_dilation(ranges)
     across = np.abs(np.sum(normal * np.cross([0.0, 0.0, 1.0], ray), 1))
@@ -66,7 +67,7 @@ def assign(
         geometric_weight=admitted.astype(float),
         repeat_group=number_repeat_groups(index, keypoints["feature_index"]),
         keypoint_sigma=keypoints["sigma"] * np.maximum(across, MIN_SCAN_ANGLE_SINE),
-        residual=_angle_from_edge(ray.T, a.T, b.T, dilation)[:, None],
+        residual=(np.sum(normal * ray, 1) - dilation)[:, None],
         range=ranges,
         cos_incidence=cosine,
         data=np.column_stack([ray, ends.reshape(-1, 6), dilation]),
@@ -84,19 +85,11 @@ def residual(model: LidarModel, target: Board) -> ResidualExpression:
     def weighted_angle(
         R: ArrayOrExpression, t: ArrayOrExpression, d: ArrayOrExpression
     ) -> ArrayOrExpression:
-        return _angle_from_edge(d[:3], R @ d[3:6] + t, R @ d[6:9] + t, d[9]) * d[10]
+        normal = ca.cross(R @ d[3:6] + t, R @ d[6:9] + t)
+        angle = ca.dot(normal, d[:3]) / ca.sqrt(ca.dot(normal, normal) + 1e-20)
+        return (angle - d[9]) * d[10]
 
     return weighted_angle
-
-
-def _angle_from_edge(
-    ray: ArrayOrExpression,
-    a: ArrayOrExpression,
-    b: ArrayOrExpression,
-    dilation: ArrayOrExpression,
-) -> ArrayOrExpression:
-    """Return the residual, rad; ray, a, b: (3, n) arrays or (3) expressions, sensor frame."""
-    return dot(unit_normal(a, b), ray) - dilation
 
 
 def _is_off_vertices(ends: np.ndarray, fraction: np.ndarray) -> np.ndarray:

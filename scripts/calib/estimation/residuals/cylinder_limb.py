@@ -9,6 +9,7 @@ It replaces the paper's nearest template point (section III-D).
 from collections.abc import Mapping
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from calib.estimation.residuals.assignment import (
@@ -19,7 +20,6 @@ from calib.estimation.residuals.assignment import (
     number_repeat_groups,
     taper_weight,
 )
-from calib.estimation.residuals.unit_normal import dot, unit_normal
 from calib.geometry.numpy_or_casadi import ArrayOrExpression
 from calib.sensors.camera.camera_model import CameraModel
 from calib.targets.cylinder import Cylinder
@@ -48,14 +48,15 @@ def assign(
     """
     ray, valid = model.unproject(keypoints["uv"])
     axis, centre = T_sensor_target[:3, 0], T_sensor_target[:3, 3]
-    normal = np.column_stack(unit_normal(axis, ray.T))
+    normal = np.cross(axis, ray)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
     side = keypoints["feature_index"].astype(float)
     # Where the ray and the axis come closest: how far along both lines.
     across = np.cross(normal, axis)
     depth = (across @ centre) / np.sum(across * ray, 1)
     along = ray @ axis * depth - centre @ axis
     px_per_m = _pixels_per_radian(model, ray, normal) / np.maximum(np.abs(depth), 1e-6)
-    value = _distance_from_limb(ray.T, axis, centre, side, target.radius) * px_per_m
+    value = (side * (normal @ centre) - target.radius) * px_per_m
     trust = taper_weight(target.length / 2 - options["edge_margin_m"] - np.abs(along), END_TAPER_M)
     return Assignment(
         candidate_feature=np.zeros(len(side), int) if features is None else features,
@@ -80,20 +81,11 @@ def residual(model: CameraModel, target: Cylinder) -> ResidualExpression:
     def weighted_distance(
         R: ArrayOrExpression, t: ArrayOrExpression, d: ArrayOrExpression
     ) -> ArrayOrExpression:
-        return _distance_from_limb(d[:3], R[:, 0], t, d[3], target.radius) * d[4] * d[5]
+        normal = ca.cross(R[:, 0], d[:3])
+        distance = d[3] * ca.dot(normal, t) / ca.sqrt(ca.dot(normal, normal) + 1e-20)
+        return (distance - target.radius) * d[4] * d[5]
 
     return weighted_distance
-
-
-def _distance_from_limb(
-    ray: ArrayOrExpression,
-    axis: ArrayOrExpression,
-    centre: ArrayOrExpression,
-    side: ArrayOrExpression,
-    radius: float,
-) -> ArrayOrExpression:
-    """Return the residual, m; ray: (3, n) array or (3) expression, the others (3), sensor frame."""
-    return side * dot(unit_normal(axis, ray), centre) - radius
 
 
 def _limb_piece_number(share: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 To add a kind: write calib/estimation/residuals/<kind>.py with the members of ResidualKind and add
 it to RESIDUAL_KINDS. Every kind decides which measurements are inliers, for extract and solve
-alike. The formula of a residual is written once, for arrays and CasADi expressions.
+alike. Change the formula of a residual in both places, `assign` (arrays) and `residual` (CasADi).
 """
 
 from collections.abc import Mapping
