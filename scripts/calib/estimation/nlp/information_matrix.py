@@ -38,10 +38,3 @@ def invert_information(information: np.ndarray) -> np.ndarray:
     scale, scaled = scale_to_unit_diagonal(information)
     scaled += MIN_EIGENVALUE_RATIO * np.eye(len(scale))
     return scale[:, None] * np.linalg.inv(scaled) * scale
-
-
-def marginalize(information: np.ndarray, is_kept: np.ndarray) -> np.ndarray:
-    """Return the information (k, k) about the unknowns of a mask (n,), the others marginalized."""
-    kept, others = np.ix_(is_kept, is_kept), np.ix_(~is_kept, ~is_kept)
-    cross = information[np.ix_(~is_kept, is_kept)]
-    return information[kept] - cross.T @ invert_information(information[others]) @ cross
