@@ -11,8 +11,8 @@ MAX_MEMORY_MB = 500  # MB
 
 FUZZ_TEMPLATE = """{count} cases drawn from a seed: a small log of poses, clouds and images in one
 of {containers} containers, some of whose bytes are wrong or missing (*damaged log*) or whose
-messages say what no driver means (*hostile log*); a folder of configs with other values, keys or bytes
-(*config*). A log is decoded, gated and read again as crop reads it.
+messages say what no driver means (*hostile log*); a folder of configs with other values, keys or
+bytes (*config*). A log is decoded, gated and read again as crop reads it.
 
 {table}
 

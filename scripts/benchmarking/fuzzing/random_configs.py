@@ -67,8 +67,9 @@ MERGE_BOMB = "a0: &a0 {k: 1}\n" + "".join(
 )
 HOSTILE_YAML = (
     ALIAS_BOMB, MERGE_BOMB, PYTHON_OBJECT_YAML, "a: &a [*a]", "[" * 3000, "{a: " * 500,
-    "- " * 5000, "? [a]\n: 1", "a: 1\na: 2", "\0", "%YAML 9.9\n---\n", "--- a\n--- b", "!!binary x",
-    "!!set {a, b}", "1: 2\ntrue: 3", "", "~", "a: 1e999", "2026-13-45", "x: !!int '9" + "9" * 5000 + "'",
+    "- " * 5000, "? [a]\n: 1", "a: 1\na: 2", "\0", "%YAML 9.9\n---\n", "--- a\n--- b",
+    "!!binary x", "!!set {a, b}", "1: 2\ntrue: 3", "", "~", "a: 1e999", "2026-13-45",
+    "x: !!int '9" + "9" * 5000 + "'",
 )  # fmt: skip
 
 
