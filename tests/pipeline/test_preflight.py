@@ -101,7 +101,7 @@ def test_the_counts_are_those_that_crop_then_finds(looked_at):
 def test_the_audit_of_the_log_stands_in_the_text(looked_at):
     text = looked_at[3]
     assert "mocap/robot     the robot  521    100 Hz  0.01 s       none" in text
-    assert "/tf: time by header; taken by the log 5 ms after" in text
+    assert "/tf: time by header; logged 5 ms later" in text
     assert "velodyne: time: time (float32), s after the stamp" in text
 
 
