@@ -3,6 +3,7 @@
 se3              rigid motions, their exponential and covariance
 frame_graph      frames joined by transforms
 polygon          distances to a polygon of the plane
+ransac_plane     the plane that most points lie on
 icp              registration of a template to a scan
 pose_margin      angular reach of an uncertain pose
 numpy_or_casadi  elementwise branches for NumPy arrays and CasADi expressions

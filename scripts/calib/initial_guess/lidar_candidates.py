@@ -6,6 +6,7 @@ from typing import Any as TargetShape
 
 import numpy as np
 
+from calib.geometry.ransac_plane import largest_plane_inliers
 from calib.geometry.se3 import make_pose, rotation_between
 from calib.sensors.lidar.lidar_model import LidarModel
 from calib.sensors.lidar.target_search import cluster_points, largest_extent, size_error
@@ -122,12 +123,8 @@ def split_clusters(
 
 def is_on_largest_plane(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return which points (n, 3) are on the plane that holds most of them."""
-    triples = points[rng.integers(0, len(points), (N_PLANE_DRAWS, 3))]
-    normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
-    away = np.abs(points @ normals.T - np.sum(normals * triples[:, 0], 1))
-    inside = away < PLANE_DISTANCE_SHARE * np.linalg.norm(points, axis=1)[:, None]
-    return inside[:, inside.sum(0).argmax()]
+    tolerance = PLANE_DISTANCE_SHARE * np.linalg.norm(points, axis=1)
+    return largest_plane_inliers(points, tolerance, rng, n_draws=N_PLANE_DRAWS)
 
 
 def find_candidates(
@@ -162,7 +159,9 @@ def fit_candidate(
     """
     best = points[:0]
     for T in candidate_poses(signature, points):
-        rows = target.fit_inliers(points, T, ANY_POSE_MARGIN, lidar, options)
+        rows = target.fit_inliers(
+            points, T, ANY_POSE_MARGIN, range_sigma=lidar.range_sigma, seed=options["seed"]
+        )
         best = points[rows] if len(rows) > len(best) else best
     if len(best) < MIN_CANDIDATE_RETURNS:
         return points[:0]

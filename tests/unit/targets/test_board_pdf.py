@@ -152,7 +152,7 @@ def test_a_pattern_beyond_the_outline_is_refused():
 
 
 def test_a_cylinder_is_refused(tmp_path):
-    with pytest.raises(InputError, match="only a board"):
+    with pytest.raises(InputError, match="shape cylinder cannot be printed; expected shape: board"):
         draw_target_pdf(ROOT / "config/targets/cylinder.yaml", tmp_path / "out.pdf", "custom", 0)
 
 
@@ -162,3 +162,10 @@ def test_the_same_target_gives_the_same_bytes_and_the_example_in_docs(tmp_path):
         board.main([str(EXAMPLE), str(tmp_path / name), "--turn-deg", "45"])
         made.append((tmp_path / name).read_bytes())
     assert made[0] == made[1] == (ROOT / "docs" / "board.pdf").read_bytes()
+
+
+def test_a_pattern_that_is_no_checkerboard_is_refused_in_words():
+    charuco = {"kind": "charuco", "squares": [5, 7], "square_m": 0.04, "marker_m": 0.03}
+    block = {"body": "b", "shape": "board", "pattern": charuco | {"dictionary": "DICT_4X4_50"}}
+    with pytest.raises(InputError, match="a ChArUco board cannot be drawn; expected a checkerboa"):
+        laid_out(block)

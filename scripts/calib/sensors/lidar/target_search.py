@@ -70,7 +70,15 @@ def find_target_in_scan(target, points, T_sensor_target, margin, lidar, options)
         rows = near[label == k]
         if len(rows) < options["min_points"]:
             continue
-        members = rows[target.fit_inliers(points[rows], T_sensor_target, margin, lidar, options)]
+        members = rows[
+            target.fit_inliers(
+                points[rows],
+                T_sensor_target,
+                margin,
+                range_sigma=lidar.range_sigma,
+                seed=options["seed"],
+            )
+        ]
         if len(members) < options["min_points"]:
             continue
         value = score_cluster(target, points[members], T_sensor_target, margin, step)

@@ -1,19 +1,21 @@
-"""A ChArUco board: a checkerboard whose white squares carry markers, so that any part of it tells
+"""A ChArUco board: a checkerboard whose white squares carry markers, so that any part of it shows
 which part it is. Its inner corners count in rows along +x, rows along +y, as a checkerboard's."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
 
 from calib.io.status import OK, Status, failure_status
 from calib.targets.patterns.asymmetric_edges import fix_asymmetric_edges
-from calib.targets.patterns.checkerboard import GREY_ROUNDING_RMS, is_clear_corner
+from calib.targets.patterns.checkerboard import is_clear_corner, select_detected_corners
 from calib.targets.patterns.detected_corners import DetectedCorners
 from calib.targets.patterns.edge_model import fit_corner_edges
 from calib.targets.patterns.image_region import (
     MIN_PLANE_CELLS,
+    CameraProjection,
     GridPlane,
     ImageRegion,
     make_grid_cells,
@@ -22,57 +24,67 @@ from calib.targets.patterns.image_region import (
 
 @dataclass(frozen=True)
 class Charuco:
-    """squares (along x, along y) of side `square` m, markers of side `marker` m of an OpenCV
-    dictionary, the board's middle at the origin; legacy: as OpenCV drew it before 4.6."""
+    """A board with its middle at the origin; see TargetPattern for its members.
 
-    n_squares: tuple
+    n_squares: along x and along y; square_m, marker_m: sides; dictionary: OpenCV's name;
+    is_legacy: as OpenCV drew it before 4.6.
+    """
+
+    n_squares: tuple[int, ...]
     square_m: float
     marker_m: float
     dictionary: str
     is_legacy: bool = False
 
-    name, min_visible_share = "ChArUco board", 0.3
+    name = "ChArUco board"
+    min_visible_share = 0.3
 
     @classmethod
-    def from_config(cls, config):
-        sizes = tuple(config["squares"]), config["square_m"], config["marker_m"]
-        return cls(*sizes, config["dictionary"], config["legacy"])
+    def from_config(cls, config: dict[str, Any]) -> "Charuco":
+        """Make the pattern of a target's `pattern` block."""
+        return cls(
+            n_squares=tuple(config["squares"]),
+            square_m=config["square_m"],
+            marker_m=config["marker_m"],
+            dictionary=config["dictionary"],
+            is_legacy=config["legacy"],
+        )
 
     @property
-    def expected_description(self):
-        return f"{MIN_PLANE_CELLS} or more of {(self.n_squares[0] - 1) * (self.n_squares[1] - 1)} inner corners"
+    def expected_description(self) -> str:
+        return f"{MIN_PLANE_CELLS} or more of {len(self._cells)} inner corners"
 
     @property
-    def outline(self):
-        """(4, 2), m, of the printed squares."""
+    def outline(self) -> np.ndarray:
         half = self.square_m * np.array(self.n_squares) / 2
         return half * [[1, 1], [-1, 1], [-1, -1], [1, -1]]
 
     @property
-    def _cells(self):
+    def _cells(self) -> np.ndarray:
+        """Cells (n, 2) of all corners."""
         return make_grid_cells(self.n_squares[0] - 1, self.n_squares[1] - 1).reshape(-1, 2)
 
-    def corners(self):
-        """(n, 3), m, target frame; x runs fastest."""
-        at = self.square_m * (self._cells + 1 - np.array(self.n_squares) / 2)
-        return np.column_stack([at, np.zeros(len(at))])
+    def corners(self) -> np.ndarray:
+        """Return all corners (n, 3); x runs fastest."""
+        xy = self.square_m * (self._cells + 1 - np.array(self.n_squares) / 2)
+        return np.column_stack([xy, np.zeros(len(xy))])
 
-    def with_scale(self, factor):
+    def with_scale(self, factor: float) -> "Charuco":
         return replace(self, square_m=self.square_m * factor, marker_m=self.marker_m * factor)
 
-    def corner_orders(self):
-        """(1, n): the markers leave nothing open."""
+    def corner_orders(self) -> np.ndarray:
+        """Return (1, n): the markers leave one way to number the corners."""
         return np.arange(len(self._cells))[None]
 
     @cached_property
-    def _detector(self):
+    def _detector(self) -> cv2.aruco.CharucoDetector:
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
         board = cv2.aruco.CharucoBoard(self.n_squares, self.square_m, self.marker_m, dictionary)
         board.setLegacyPattern(self.is_legacy)
         return cv2.aruco.CharucoDetector(board)
 
-    def _detect_corners(self, grey):
-        """Indices (m,) into corners() of those seen, and their pixels (m, 2), roughly."""
+    def _detect_corners(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return indices (m,) into corners() of the visible ones, and their pixels (m, 2), roughly."""
         uv, ids, _, _ = self._detector.detectBoard(grey)
         if ids is None:
             return np.zeros(0, int), np.zeros((0, 2))
@@ -81,50 +93,54 @@ class Charuco:
         row, column = np.divmod(ids.reshape(-1), columns)
         return (rows - 1 - row) * columns + column, uv.reshape(-1, 2).astype(float)
 
-    def _is_mirrored(self, grey):
+    def _is_mirrored(self, grey: np.ndarray) -> bool:
         """Whether a grey image (h, w) uint8 shows the board as a mirror would."""
-        return len(self._detect_corners(np.ascontiguousarray(grey[:, ::-1]))[0]) >= MIN_PLANE_CELLS
+        index, _ = self._detect_corners(np.ascontiguousarray(grey[:, ::-1]))
+        return len(index) >= MIN_PLANE_CELLS
 
-    def detect_corners_fast(self, grey):
-        """All corners (n, 2) of a grey image (h, w) uint8 in order, or None if some are hidden."""
+    def detect_corners_fast(self, grey: np.ndarray) -> np.ndarray | None:
+        """Return the pixels (n, 2) of all corners in order, or None if some are hidden."""
         index, uv = self._detect_corners(grey)
         return uv[np.argsort(index)] if len(index) == len(self._cells) else None
 
-    def locate_corners(self, grey, camera, offset):
-        """(Corners, Status) of what a grey region (h, w) uint8 shows whose first pixel is at offset
-        (2,) of the camera's image; no Corners, and why, where that is too little."""
-        region = ImageRegion(grey, camera, np.asarray(offset, float))
+    def locate_corners(
+        self, grey: np.ndarray, camera: CameraProjection, offset: np.ndarray
+    ) -> tuple[DetectedCorners | None, Status]:
+        """Return the verified corners in an image region, or None and why there are too few."""
         index, uv = self._detect_corners(grey)
+        if len(index) < MIN_PLANE_CELLS and self._is_mirrored(grey):
+            return None, self._mirrored_status()
+        region = ImageRegion(grey, camera, np.asarray(offset, float))
+        corners, rejection = self._fit_corners(region, index, uv)
+        if corners is None:
+            return None, failure_status(
+                f"no {self.name} in the region", rejection, self.expected_description
+            )
+        n, n_clear = len(self._cells), len(corners.corner_index)
+        return corners, Status(
+            reason=f"{n - n_clear} of {n} corners not seen"
+        ) if n_clear < n else OK
+
+    def _mirrored_status(self) -> Status:
+        return failure_status(
+            f"the {self.name} is seen mirrored",
+            "markers that read backwards",
+            self.expected_description,
+            "Print it again without mirroring, or switch off the camera's mirror image.",
+        )
+
+    def _fit_corners(
+        self, region: ImageRegion, index: np.ndarray, uv: np.ndarray
+    ) -> tuple[DetectedCorners | None, str]:
+        """Fit the corners of those indices (m,) from pixels (m, 2), or say what is wrong."""
         cells = self._cells[index]
-        if (
-            len(index) < MIN_PLANE_CELLS
-            and len(self._detect_corners(np.ascontiguousarray(grey[:, ::-1]))[0]) >= MIN_PLANE_CELLS
-        ):
-            return None, failure_status(
-                f"the {self.name} is seen mirrored",
-                "markers that read backwards",
-                self.expected_description,
-                "Print it anew as it is, not mirrored; or switch off the camera's mirror image.",
-            )
-        flat = len(index) < MIN_PLANE_CELLS or min(map(len, map(np.unique, cells.T))) < 2
-        plane = None if flat else GridPlane.fit_cells(region, cells, uv)
+        has_plane = len(index) >= MIN_PLANE_CELLS and min(map(len, map(np.unique, cells.T))) >= 2
+        plane = GridPlane.fit_cells(region, cells, uv) if has_plane else None
         if plane is None:
-            found = f"{len(index)} corners"
-            return None, failure_status(
-                f"no {self.name} in the region", found, self.expected_description
-            )
+            return None, f"{len(index)} corners"
         sides = plane.cell_sides(cells)
         fit = fix_asymmetric_edges(region, fit_corner_edges(region, uv, *sides), *sides)
-        good = is_clear_corner(region, cells, fit)
-        if good.sum() < MIN_PLANE_CELLS:
-            found = f"{int(good.sum())} of {len(good)} corners that are clear"
-            return None, failure_status(
-                f"no {self.name} in the region", found, self.expected_description
-            )
-        noise = max(float(np.median(fit.rms[good])), GREY_ROUNDING_RMS)
-        missing = len(self._cells) - int(good.sum())
-        status = (
-            Status(reason=f"{missing} of {len(self._cells)} corners not seen") if missing else OK
-        )
-        found = fit.uv[good] + region.offset
-        return DetectedCorners(index[good], found, noise**2 * fit.covariance[good]), status
+        is_clear = is_clear_corner(region, cells, fit)
+        if is_clear.sum() < MIN_PLANE_CELLS:
+            return None, f"{int(is_clear.sum())} of {len(is_clear)} corners that are clear"
+        return select_detected_corners(region, fit, is_clear, index), ""

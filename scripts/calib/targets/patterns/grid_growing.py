@@ -1,70 +1,93 @@
 """Which crossings of a checkerboard an image shows: a detected grid, checked, grown and trimmed.
 
-At a crossing opposite quadrants are alike and neighbours differ, by turns from one crossing to the
-next. A plain border, a T of squares that end there, or what lies beyond has no such quadrants.
+At a crossing opposite quadrants are alike and neighbours differ, alternating from one crossing to
+the next. A plain border, a T of squares that end there, or what lies beyond has no such quadrants.
 """
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from calib.targets.patterns.image_region import MAX_PLANE_MISFIT_SHARE, GridPlane, make_grid_cells
+from calib.targets.patterns.edge_model import CornerFit
+from calib.targets.patterns.image_region import (
+    MAX_PLANE_MISFIT_SHARE,
+    GridPlane,
+    ImageRegion,
+    make_grid_cells,
+)
 
-QUADRANT_OFFSET_SHARES = (
-    0.12,
-    0.24,
-    0.36,
-)  # where quadrants are read, of the way to the next corners
+QUADRANT_OFFSET_SHARES = (0.12, 0.24, 0.36)  # of the way to the next corners; where levels are read
 MIN_SADDLE_TO_STEP = 1.5  # of a crossing's saddle over its steps; a T has them alike
 MIN_SADDLE_TO_MEDIAN = 0.3  # of the grid's median saddle
-KEEP_LINE_SHARE, ADD_LINE_SHARE = (
-    0.3,
-    0.45,
-)  # share of crossings on a line that stays, and of one that is added
+KEEP_LINE_SHARE = 0.3  # of crossings on a line that is kept
+ADD_LINE_SHARE = 0.45  # of crossings on a line that is added
 MAX_GROW_ROUNDS = 12
+MIN_GRID_LINES = 3
+N_LINES_BEYOND = 2  # lines beyond the grid that are checked, as the next one may be hidden
+
+RefineCorners = Callable[[ImageRegion, np.ndarray, np.ndarray, np.ndarray], CornerFit]
 
 
-def measure_saddles(grey, uv, along, across):
-    """Saddle (n,), positive where light lies ahead in both directions, and larger step (n,), grey
-    levels, about pixels uv (n, 2); NaN where a quadrant leaves the image (h, w)."""
+class VerifiedGrid(NamedTuple):
+    """Pixels (rows, columns, 2) of a grid, and the sign of the saddle of its first crossing."""
+
+    uv: np.ndarray
+    first_sign: float
+
+
+def measure_saddles(
+    grey: np.ndarray, uv: np.ndarray, along: np.ndarray, across: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the saddle (n,) and the larger step (n,), grey levels, about pixels uv (n, 2).
+
+    grey: (h, w) uint8; along, across: (n, 2) vectors to the next corners, px. The saddle is
+    positive where light lies ahead in both directions. NaN where a quadrant leaves the image.
+    """
     a, b = np.meshgrid(QUADRANT_OFFSET_SHARES, QUADRANT_OFFSET_SHARES)
     signs = np.array([(i, j) for i in (1, -1) for j in (1, -1)])
     steps = signs[:, None, :] * np.stack([a.ravel(), b.ravel()], -1)
     sides = np.stack([along, across], 1)
-    at = uv[:, None, None] + steps @ sides[:, None]
+    samples = uv[:, None, None] + steps @ sides[:, None]
     h, w = grey.shape
-    inside = ((at >= 0) & (at <= [w - 1, h - 1])).all((-1, -2, -3))
-    points = np.where(inside[:, None, None, None], at, 0).astype(np.float32)
-    read = cv2.remap(grey, points.reshape(len(uv), -1, 2), None, cv2.INTER_LINEAR)
-    level = np.median(read.reshape(len(uv), 4, -1).astype(float), -1)
+    is_inside = ((samples >= 0) & (samples <= [w - 1, h - 1])).all((-1, -2, -3))
+    points = np.where(is_inside[:, None, None, None], samples, 0).astype(np.float32)
+    points = points.reshape(len(uv), -1, 2)
+    levels = cv2.remap(grey, points[..., 0], points[..., 1], cv2.INTER_LINEAR)
+    level = np.median(levels.reshape(len(uv), 4, -1).astype(float), -1)
     saddle, *step = (level @ np.column_stack([signs.prod(1), signs]) / 4).T
-    out = np.stack([saddle, np.abs(step).max(0)])
-    out[:, ~inside] = np.nan
-    return out
+    saddle, larger_step = np.stack([saddle, np.abs(step).max(0)])
+    saddle[~is_inside] = larger_step[~is_inside] = np.nan
+    return saddle, larger_step
 
 
-def find_alternating_crossings(plane, cells):
-    """Which cells (rows, columns, 2) are crossings by turns, and the sign of cell (0, 0); the outer
-    two lines on every side are beyond the grid."""
+def find_alternating_crossings(plane: GridPlane, cells: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return which cells (rows, columns, 2) are crossings that alternate, and the sign of the
+    saddle of cell (0, 0). The outer two lines on every side are beyond the grid."""
     rows, columns = cells.shape[:2]
     flat = cells.reshape(-1, 2)
-    where = [plane.project_cells(flat), *plane.cell_sides(flat)]
-    known = np.isfinite(np.concatenate(where, 1)).all(1)
+    uv_and_sides = [plane.project_cells(flat), *plane.cell_sides(flat)]
+    is_known = np.isfinite(np.concatenate(uv_and_sides, 1)).all(1)
     saddle, step = np.full((2, rows * columns), np.nan)
-    saddle[known], step[known] = measure_saddles(plane.region.grey, *(a[known] for a in where))
-    turned = ((-1.0) ** flat.sum(1) * saddle).reshape(rows, columns)
-    inside = turned[2:-2, 2:-2]
-    middle = np.nanmedian(inside) if np.isfinite(inside).any() else 0.0
-    dominant = np.abs(turned) > MIN_SADDLE_TO_STEP * step.reshape(rows, columns)
-    return (turned * np.sign(middle) > MIN_SADDLE_TO_MEDIAN * abs(middle)) & dominant, np.sign(
-        middle
+    saddle[is_known], step[is_known] = measure_saddles(
+        plane.region.grey, *(a[is_known] for a in uv_and_sides)
     )
+    saddle = ((-1.0) ** flat.sum(1) * saddle).reshape(rows, columns)
+    inside = saddle[N_LINES_BEYOND:-N_LINES_BEYOND, N_LINES_BEYOND:-N_LINES_BEYOND]
+    middle = np.nanmedian(inside) if np.isfinite(inside).any() else 0.0
+    is_dominant = np.abs(saddle) > MIN_SADDLE_TO_STEP * step.reshape(rows, columns)
+    sign = np.sign(middle)
+    return (saddle * sign > MIN_SADDLE_TO_MEDIAN * abs(middle)) & is_dominant, sign
 
 
-def grow_and_trim_grid(region, uv, refine):
-    """A grid of seeds (rows, columns, 2), grown by lines that are crossings and trimmed of those
-    that are not, until neither is left: (grid, sign of its first crossing); None if it is no grid.
+def grow_and_trim_grid(
+    region: ImageRegion, uv: np.ndarray, refine: RefineCorners
+) -> VerifiedGrid | None:
+    """Add lines of crossings to a grid and remove lines that are none, until neither is left.
 
-    refine(region, uv, along, across) betters the pixels of a grid that has grown.
+    uv: seeds (rows, columns, 2), px. refine(region, uv, along, across) improves the pixels of a
+    grid that has grown. Returns None if it is no grid.
     """
     for _ in range(MAX_GROW_ROUNDS):
         rows, columns = uv.shape[:2]
@@ -72,46 +95,50 @@ def grow_and_trim_grid(region, uv, refine):
         plane = GridPlane.fit_cells(region, cells.reshape(-1, 2), uv.reshape(-1, 2))
         if plane is None or not _is_on_plane(plane, cells, uv):
             return None
-        good, sign = find_alternating_crossings(plane, make_grid_cells(columns, rows, 2))
-        first, last = np.array([_count_line_changes(g) for g in (good.T, good)]).T
+        crossings, sign = find_alternating_crossings(
+            plane, make_grid_cells(columns, rows, N_LINES_BEYOND)
+        )
+        first, last = np.array([_count_line_changes(g) for g in (crossings.T, crossings)]).T
         if not first.any() and not last.any():
-            return uv, sign
+            return VerifiedGrid(uv, sign)
         low, high = -first, np.array([columns, rows]) + last
-        if (high - low < 3).any():
+        if (high - low < MIN_GRID_LINES).any():
             return None
-        wider = make_grid_cells(*(high - low)) + low
-        uv = _resample_grid(plane, uv, wider)
+        new_cells = make_grid_cells(*(high - low)) + low
+        uv = _resample_grid(plane, uv, new_cells)
         if np.isnan(uv).any():
             return None
         if (first > 0).any() or (last > 0).any():
-            flat = wider.reshape(-1, 2)
-            fit = refine(region, uv.reshape(-1, 2), *plane.cell_sides(flat))
+            fit = refine(region, uv.reshape(-1, 2), *plane.cell_sides(new_cells.reshape(-1, 2)))
             uv = np.where(fit.is_valid[:, None], fit.uv, uv.reshape(-1, 2)).reshape(uv.shape)
     return None
 
 
-def _is_on_plane(plane, cells, uv):
-    off = np.linalg.norm(plane.project_cells(cells) - uv, axis=-1)
+def _is_on_plane(plane: GridPlane, cells: np.ndarray, uv: np.ndarray) -> bool:
+    """Whether most pixels uv (rows, columns, 2) lie where the plane has their cells."""
+    distance = np.linalg.norm(plane.project_cells(cells) - uv, axis=-1)
     spacing = np.linalg.norm(np.diff(uv, axis=1), axis=-1).min()
-    return np.median(off) < MAX_PLANE_MISFIT_SHARE * spacing
+    return bool(np.median(distance) < MAX_PLANE_MISFIT_SHARE * spacing)
 
 
-def _count_line_changes(good):
-    """By how many lines, -1 to 2, a grid grows at the first and last of the lines of good (lines,
-    nodes), of which the outer two on every side are beyond it: a line may be hidden."""
-    share = good[:, 2:-2].mean(1)
+def _count_line_changes(crossings: np.ndarray) -> list[int]:
+    """Return by how many lines, -1 to 2, a grid grows at its first and at its last line.
+
+    crossings: (lines, nodes), of which the outer two on every side are beyond the grid.
+    """
+    share = crossings[:, N_LINES_BEYOND:-N_LINES_BEYOND].mean(1)
     changes = []
-    for farther, beyond, own in (share[:3], share[:-4:-1]):
-        grown = 1 if beyond > ADD_LINE_SHARE else 2 * (farther > ADD_LINE_SHARE)
-        changes.append(-1 if own < KEEP_LINE_SHARE else int(grown))
+    for second_beyond, first_beyond, outermost in (share[:3], share[:-4:-1]):
+        added = 1 if first_beyond > ADD_LINE_SHARE else 2 * (second_beyond > ADD_LINE_SHARE)
+        changes.append(-1 if outermost < KEEP_LINE_SHARE else int(added))
     return changes
 
 
-def _resample_grid(plane, uv, cells):
-    """Pixels (rows, columns, 2) of those cells: the seeds that there are, else by the plane."""
+def _resample_grid(plane: GridPlane, uv: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Return the pixels (rows, columns, 2) of cells: the seeds where there are, else the plane's."""
     out = plane.project_cells(cells)
     rows, columns = uv.shape[:2]
-    had = ((cells >= 0) & (cells < [columns, rows])).all(-1)
-    i, j = cells[had].T
-    out[had] = uv[j, i]
+    has_seed = ((cells >= 0) & (cells < [columns, rows])).all(-1)
+    i, j = cells[has_seed].T
+    out[has_seed] = uv[j, i]
     return out

@@ -1,25 +1,77 @@
-"""Printed patterns.
+"""The registry of printed patterns.
 
-A pattern is one module with a frozen dataclass that has
-  from_config(config)     from the `pattern` block of a target;
-  corners()               (n, 3), m, target frame;
-  detect(grey)            (n, 2) pixels of all corners in the detector's own order, or None: quick,
-                          to about a third of a pixel;
-  locate(grey, camera, offset)   (Corners, Status): thorough, checked, each corner with its error;
-  labellings()            (m, n) every way in which the detector's order can stand for corners;
-  expected                in words, what a detection must find;
-  share                   of its corners that must be in an image;
-  scaled(factor)          the pattern so much larger about its own middle.
-
-To add a pattern: write calib/targets/patterns/<kind>.py and add it to PATTERNS.
+To add a pattern: write calib/targets/patterns/<kind>.py with a frozen dataclass that has the
+members of TargetPattern, and add one line to TARGET_PATTERNS.
 """
 
+from typing import Any, Protocol, Self
+
+import numpy as np
+
+from calib.io.status import Status
 from calib.targets.patterns.charuco import Charuco
 from calib.targets.patterns.checkerboard import Checkerboard
+from calib.targets.patterns.detected_corners import DetectedCorners
+from calib.targets.patterns.image_region import CameraProjection
 
-TARGET_PATTERNS = {"checkerboard": Checkerboard, "charuco": Charuco}
+
+class TargetPattern(Protocol):
+    """A pattern in the plane z = 0 of the target frame; lengths in m."""
+
+    @classmethod
+    def from_config(cls, config: dict[str, Any]) -> Self:
+        """Make the pattern of a target's `pattern` block."""
+
+    @property
+    def name(self) -> str:
+        """The pattern's word in messages."""
+
+    @property
+    def min_visible_share(self) -> float:
+        """Smallest share of the corners that an image must show."""
+
+    @property
+    def expected_description(self) -> str:
+        """What a detection must find, in words."""
+
+    @property
+    def square_m(self) -> float:
+        """Side of a square."""
+
+    @property
+    def outline(self) -> np.ndarray:
+        """Corners (4, 2) of the area that the squares fill."""
+
+    def corners(self) -> np.ndarray:
+        """Return all corners (n, 3)."""
+
+    def corner_orders(self) -> np.ndarray:
+        """Return (k, n) indices into corners(): each row a way to read the detected order."""
+
+    def with_scale(self, factor: float) -> Self:
+        """Return the pattern enlarged by a factor about its own middle."""
+
+    def detect_corners_fast(self, grey: np.ndarray) -> np.ndarray | None:
+        """Return the pixels (n, 2) of all corners in the detected order, or None.
+
+        grey: (h, w) uint8. Quick, and accurate to about a third of a pixel.
+        """
+
+    def locate_corners(
+        self, grey: np.ndarray, camera: CameraProjection, offset: np.ndarray
+    ) -> tuple[DetectedCorners | None, Status]:
+        """Return the verified corners in an image region with their covariance, or None and why.
+
+        grey: (h, w) uint8; offset: (2,) pixel of the camera's image at the region's (0, 0).
+        """
 
 
-def pattern_from_config(config):
-    """The pattern of a target's `pattern` block."""
+TARGET_PATTERNS: dict[str, type[TargetPattern]] = {
+    "checkerboard": Checkerboard,
+    "charuco": Charuco,
+}
+
+
+def pattern_from_config(config: dict[str, Any]) -> TargetPattern:
+    """Make the pattern of a target's `pattern` block."""
     return TARGET_PATTERNS[config["kind"]].from_config(config)

@@ -100,7 +100,7 @@ def test_a_board_that_was_printed_mirrored_is_told_from_none():
     mirrored = np.ascontiguousarray(photographed()[:, ::-1])
     found, status = PATTERN.locate_corners(mirrored, CAMERA, np.zeros(2))
     assert found is None and status.reason == "the ChArUco board is seen mirrored"
-    assert status.remedy.startswith("Print it anew as it is, not mirrored")
+    assert status.remedy.startswith("Print it again without mirroring")
 
 
 def test_rows_run_upwards_and_columns_to_the_right_about_the_middle():
