@@ -575,7 +575,7 @@ def test_a_quaternion_that_is_not_unit_is_refused_with_its_norm_and_the_remedy(q
 def test_a_wrong_number_of_params_is_refused_in_words():
     block = edited("rig", "sensors.left.params", [812, 810, 651])["sensors"]["left"]
     with pytest.raises(
-        InputError, match="params: 3 numbers, radtan takes fx fy cx cy k1 k2 p1 p2 k3"
+        InputError, match="params: found 3 numbers; radtan takes fx fy cx cy k1 k2 p1 p2 k3"
     ):
         camera_from_config(block)
 

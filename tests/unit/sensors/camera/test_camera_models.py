@@ -337,12 +337,12 @@ def test_kannala_brandt_is_that_of_opencv_to_1e_9_px(name):
 @pytest.mark.parametrize(
     "model, n, words",
     [
-        ("radtan", 3, "3 numbers, radtan takes fx fy cx cy k1 k2 p1 p2 k3 (k3 optional)"),
+        ("radtan", 3, "found 3 numbers; radtan takes fx fy cx cy k1 k2 p1 p2 k3 (k3 optional)"),
         ("radtan", 7, "7 numbers"),
         ("radtan", 10, "10 numbers"),
-        ("kannala_brandt", 7, "7 numbers, kannala_brandt takes fx fy cx cy k1 k2 k3 k4"),
+        ("kannala_brandt", 7, "found 7 numbers; kannala_brandt takes fx fy cx cy k1 k2 k3 k4"),
         ("kannala_brandt", 9, "9 numbers"),
-        ("double_sphere", 5, "5 numbers, double_sphere takes fx fy cx cy xi alpha"),
+        ("double_sphere", 5, "found 5 numbers; double_sphere takes fx fy cx cy xi alpha"),
     ],
 )
 def test_a_wrong_number_of_params_is_refused_with_what_the_model_takes(model, n, words):

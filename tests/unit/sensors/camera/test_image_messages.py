@@ -120,8 +120,8 @@ def test_an_unknown_encoding_is_refused_with_what_is_read_and_the_remedy(encodin
     with pytest.raises(InputError) as caught:
         read_bgr(image(encoding, GREY))
     message = str(caught.value)
-    assert f"images encoded {encoding}; this version reads mono8, " in message
-    assert "convert the topic with image_proc and record it again" in message
+    assert f"image encoding {encoding} is not supported; expected one of mono8, " in message
+    assert "Convert the topic with image_proc and record it again" in message
 
 
 def compressed(data, name="jpeg"):
@@ -230,12 +230,14 @@ def test_a_mosaic_that_was_compressed_as_grey_has_its_colours():
 
 
 def test_depths_are_refused_in_words():
-    with pytest.raises(MessageError, match="images of format compressedDepth hold depths; name an"):
+    with pytest.raises(
+        MessageError, match="images of format compressedDepth hold depths. Name the"
+    ):
         read_bgr(compressed(b"x" * 99, "16UC1; compressedDepth png"))
 
 
 def test_video_in_a_compressed_image_is_refused_with_what_to_do():
-    with pytest.raises(MessageError, match="republish the video as images, record those, and name"):
+    with pytest.raises(MessageError, match="Republish the video as images, record those, and name"):
         read_bgr(compressed(b"\x00\x00\x00\x01g" * 99, "h264"))
 
 

@@ -1,9 +1,10 @@
-"""Messages of cameras as arrays, and regions of them as lossless bytes.
+"""The registry of image message types: images as arrays, and regions of them as lossless bytes.
 
-A type of message is one module with read(message) -> (h, w, 3) uint8, blue green red. To add one:
-write calib/sensors/camera/images/<name>.py and add it to TYPES. To add an encoding: one line in
-`encodings`.
+To add a type: write calib/sensors/camera/images/<name>.py with the function of ImageReader, and add
+one line to IMAGE_TYPES. To add an encoding: one line in pixel_encodings.PIXEL_ENCODINGS.
 """
+
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -11,7 +12,18 @@ import numpy as np
 from calib.io.status import guard_message_fields
 from calib.sensors.camera.images import compressed_image, raw_image
 
-IMAGE_TYPES = {
+
+class ImageReader(Protocol):
+    """A message type, as one module."""
+
+    def read(self, message: Any) -> np.ndarray:
+        """Return the image (h, w, 3) uint8, blue green red, of a message of the log.
+
+        Raises MessageError if it cannot be read.
+        """
+
+
+IMAGE_TYPES: dict[str, ImageReader] = {
     "sensor_msgs/msg/Image": raw_image,
     "sensor_msgs/msg/CompressedImage": compressed_image,
     "foxglove_msgs/msg/RawImage": raw_image,
@@ -25,8 +37,8 @@ _VIDEO_REMEDY = (
 _PROTOBUF_IMAGE_REMEDY = (
     "Write it as {0} in ROS encoding (CDR), or record the driver's own ROS topic."
 )
-# Types that are known and not read, by pattern (fnmatch): what to do.
-UNSUPPORTED_IMAGE_TYPES = {
+# Remedy by type name (fnmatch pattern) of known types that are not supported.
+UNSUPPORTED_IMAGE_TYPES: dict[str, str] = {
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": _VIDEO_REMEDY,
     "foxglove_msgs/msg/CompressedVideo": _VIDEO_REMEDY,
     "foxglove.CompressedVideo*": _VIDEO_REMEDY,
@@ -37,24 +49,27 @@ UNSUPPORTED_IMAGE_TYPES = {
 }
 
 
-def read_bgr(message):
-    """(h, w, 3) uint8 of a message. Raises MessageError where it cannot be read."""
+def read_bgr(message: Any) -> np.ndarray:
+    """Return the image (h, w, 3) uint8 of a message; raises MessageError if it cannot be read."""
     with guard_message_fields(message.__msgtype__):
         return IMAGE_TYPES[message.__msgtype__].read(message)
 
 
-def to_grey(image):
-    """(h, w) uint8 of a (h, w, 3) uint8 image."""
+def to_grey(image: np.ndarray) -> np.ndarray:
+    """Return the grey levels (h, w) uint8 of a BGR image (h, w, 3) uint8."""
     return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
 
 
-def encode_png(image):
-    """PNG bytes of (h, w, 3) uint8, lightly compressed; one channel where all three are equal."""
+def encode_png(image: np.ndarray) -> bytes:
+    """Return PNG bytes of an image (h, w, 3) uint8; one channel if all three are equal."""
     if (image == image[..., :1]).all():
         image = image[..., 0]
     return cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
 
 
-def decode_png(png):
-    """(h, w, 3) uint8 of PNG bytes."""
-    return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+def decode_png(png: bytes) -> np.ndarray:
+    """Return the image (h, w, 3) uint8 of PNG bytes."""
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise ValueError("not a PNG file")
+    return image

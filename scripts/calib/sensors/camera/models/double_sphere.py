@@ -2,14 +2,16 @@
 
 import numpy as np
 
-from calib.geometry.numpy_or_casadi import elementwise_if_else
+from calib.geometry.numpy_or_casadi import ArrayOrExpression, elementwise_if_else
 
-PARAMETER_NAMES = ("fx", "fy", "cx", "cy", "xi", "alpha")
-OPTIONAL_PARAMETERS = ()
+PARAMETER_NAMES: tuple[str, ...] = ("fx", "fy", "cx", "cy", "xi", "alpha")
+OPTIONAL_PARAMETERS: tuple[str, ...] = ()
 
 
-def project(k, x, y, z):
-    """Equation 40; outside the domain finite and without meaning."""
+def project(
+    k: ArrayOrExpression, x: ArrayOrExpression, y: ArrayOrExpression, z: ArrayOrExpression
+) -> tuple[ArrayOrExpression, ArrayOrExpression]:
+    """Return the pixels of points (equation 40); outside the domain they have no meaning."""
     xi, alpha = k[4], k[5]
     r2 = x * x + y * y
     d1 = np.sqrt(r2 + z * z + 1e-300)
@@ -20,8 +22,8 @@ def project(k, x, y, z):
     return k[0] * x / denominator + k[2], k[1] * y / denominator + k[3]
 
 
-def is_in_domain(k, x, y, z):
-    """Equations 43 to 45."""
+def is_in_domain(k: tuple[float, ...], x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Return whether points lie in the model's domain (equations 43 to 45)."""
     xi, alpha = k[4], k[5]
     w1 = alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha
     w2 = (w1 + xi) / np.sqrt(2 * w1 * xi + xi * xi + 1)
@@ -29,15 +31,18 @@ def is_in_domain(k, x, y, z):
     return (z > -w2 * d1) & (d1 > 1e-9)
 
 
-def unproject(k, u, v):
-    """Equations 46 to 49; ok is false beyond the image of the domain."""
+def unproject(
+    k: tuple[float, ...], u: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return rays (equations 46 to 49); not valid beyond the image of the domain."""
     xi, alpha = k[4], k[5]
     mx, my = (u - k[2]) / k[0], (v - k[3]) / k[1]
     r2 = mx * mx + my * my
-    under = 1 - (2 * alpha - 1) * r2
-    ok = under >= 0
-    mz = (1 - alpha * alpha * r2) / (alpha * np.sqrt(np.where(ok, under, 0.0)) + 1 - alpha)
-    inside = mz * mz + (1 - xi * xi) * r2
-    ok &= inside >= 0
-    scale = (mz * xi + np.sqrt(np.where(ok, inside, 0.0))) / (mz * mz + r2)
-    return scale * mx, scale * my, scale * mz - xi, ok
+    radicand = 1 - (2 * alpha - 1) * r2
+    is_valid = radicand >= 0
+    root = np.sqrt(np.where(is_valid, radicand, 0.0))
+    mz = (1 - alpha * alpha * r2) / (alpha * root + 1 - alpha)
+    radicand = mz * mz + (1 - xi * xi) * r2
+    is_valid &= radicand >= 0
+    scale = (mz * xi + np.sqrt(np.where(is_valid, radicand, 0.0))) / (mz * mz + r2)
+    return scale * mx, scale * my, scale * mz - xi, is_valid
