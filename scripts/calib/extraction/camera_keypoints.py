@@ -120,7 +120,12 @@ def extract_color_contour(
     T_camera_target = context.predict_target_pose(int(views["placement"][i]), T_robot_sensor)
     offset = np.array([views["u0"][i], views["v0"][i]])
     silhouette, status = find_cylinder_silhouette(
-        image, offset, target.color, context.model, target, T_camera_target
+        image,
+        offset,
+        target.color,
+        context.model,
+        target=target,
+        T_camera_target=T_camera_target,
     )
     if not status.ok:
         return ViewKeypoints(None, status)

@@ -1,9 +1,10 @@
 """sensor_msgs/CameraInfo as a camera block: model, size_px and params.
 
-To add a distortion model of ROS: one line in MODELS.
+To add a distortion model of ROS: one line in DISTORTION_MODELS.
 """
 
 import re
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,11 +12,17 @@ from calib.io.status import failure_status
 
 CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
 
-RADTAN_DISTORTION, FISHEYE_DISTORTION = (
-    ("radtan", 5),
-    ("kannala_brandt", 4),
-)  # model, and its distortion's numbers
-DISTORTION_MODELS = {
+
+class Distortion(NamedTuple):
+    """Our lens model for a distortion model of ROS, and how many numbers of D it takes."""
+
+    model: str
+    n_values: int
+
+
+RADTAN_DISTORTION = Distortion("radtan", 5)
+FISHEYE_DISTORTION = Distortion("kannala_brandt", 4)
+DISTORTION_MODELS: dict[str, Distortion] = {
     "plumb_bob": RADTAN_DISTORTION,
     "radtan": RADTAN_DISTORTION,
     # Its first five are those of plumb_bob; the rest has to be zero.
@@ -24,121 +31,113 @@ DISTORTION_MODELS = {
     "fisheye": FISHEYE_DISTORTION,
     "kannala_brandt": FISHEYE_DISTORTION,
 }
+NO_DISTORTION_NAMES = ("", "none")
+NO_DISTORTION = [0.0] * 4  # radtan without its optional k3
 RECTIFIED_TOPIC_PATTERN = re.compile(r"(^|[/_])rect(ified)?([/_]|$)")
 
 
 class CameraInfoError(Exception):
-    """No camera block of a CameraInfo, with the failed Status of (reason, found, expected,
-    remedy)."""
+    """A CameraInfo from which no camera block can be made, with the failed status."""
 
-    def __init__(self, *parts):
-        self.status = failure_status(*parts)
+    def __init__(self, reason: str, *, found: str, expected: str, remedy: str) -> None:
+        self.status = failure_status(reason, found, expected, remedy)
         super().__init__(str(self.status))
 
 
-def flatten_camera_info(message):
-    """(n,) all that a CameraInfo says of the lens: K first."""
+def flatten_camera_info(message: Any) -> np.ndarray:
+    """Return all numbers (n,) of a CameraInfo that describe the lens, K first."""
     parts = [_read_field(message, k).ravel() for k in "kdrp"]
     roi = message.roi
     sizes = message.width, message.height, message.binning_x, message.binning_y
     return np.concatenate([*parts, sizes, (roi.x_offset, roi.y_offset, roi.width, roi.height)])
 
 
-def is_rectified_topic(topic):
-    """Whether an image topic is one of rectified images, by the names that image_proc gives."""
+def is_rectified_topic(topic: str) -> bool:
+    """Whether a topic holds rectified images, by the names that image_proc gives."""
     return RECTIFIED_TOPIC_PATTERN.search(topic) is not None
 
 
-def camera_block_from_info(message, rectified):
-    """(camera block, in words what it was made of) of a CameraInfo for raw or rectified images.
+def camera_block_from_info(message: Any, rectified: bool) -> tuple[dict[str, Any], str]:
+    """Return the camera block of a CameraInfo for raw or rectified images, and its source in words.
 
-    Binning and region of interest are those of the message. Raises CameraInfoError where there is
-    no such block.
+    Binning and region of interest are those of the message. Raises CameraInfoError if there is no
+    such block.
     """
     name = message.distortion_model.strip().lower()
-    K, P = (
-        np.reshape(_read_field(message, "k"), (3, 3)),
-        np.reshape(_read_field(message, "p"), (3, 4)),
-    )
+    K = np.reshape(_read_field(message, "k"), (3, 3))
+    P = np.reshape(_read_field(message, "p"), (3, 4))
     matrix = P[:, :3] if rectified else K
     if not (np.isfinite(matrix).all() and matrix[0, 0] > 0 and matrix[1, 1] > 0):
         raise CameraInfoError(
             f"CameraInfo holds no {'P' if rectified else 'K'}",
-            f"fx {matrix[0, 0]:g}, fy {matrix[1, 1]:g}",
-            "focal lengths above 0",
-            "Calibrate the camera and record its CameraInfo, or write model, size_px and params.",
+            found=f"fx {matrix[0, 0]:g}, fy {matrix[1, 1]:g}",
+            expected="focal lengths above 0",
+            remedy="Calibrate the camera and record its CameraInfo, or write model, size_px and "
+            "params.",
         )
-    model, distortion = (
-        ("radtan", [0.0] * 4) if rectified else _distortion_parameters(name, message)
-    )
+    if rectified:
+        model, distortion = RADTAN_DISTORTION.model, NO_DISTORTION
+        source = _describe_rectification(message)
+    else:
+        model, distortion = _distortion_parameters(name, message)
+        source = f"K and D of CameraInfo ({name or 'no model'})"
     matrix, size = _apply_binning_and_roi(matrix, message)
     fx, fy, cx, cy = (float(matrix[i]) for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    words = (
-        _describe_rectification(message)
-        if rectified
-        else f"K and D of CameraInfo ({name or 'no model'})"
-    )
-    made = {"model": model, "size_px": size, "params": [fx, fy, cx, cy, *distortion]}
-    return made, words
+    block = {"model": model, "size_px": size, "params": [fx, fy, cx, cy, *distortion]}
+    return block, source
 
 
-def _read_field(message, name):
-    """A field whose name ROS 1 writes with a capital."""
+def _read_field(message: Any, name: str) -> np.ndarray:
+    """Return a field whose name ROS 1 writes with a capital."""
     return np.asarray(getattr(message, name, getattr(message, name.upper(), None)), float)
 
 
-def _distortion_parameters(name, message):
-    """(model, its distortion parameters)."""
+def _distortion_parameters(name: str, message: Any) -> tuple[str, list[float]]:
+    """Return the lens model of a CameraInfo and its distortion parameters."""
     d = _read_field(message, "d").ravel()
-    if not d.any() and name in (
-        "",
-        "none",
-        *(k for k, v in DISTORTION_MODELS.items() if v == RADTAN_DISTORTION),
-    ):
-        return "radtan", [0.0] * 4
+    is_radtan = DISTORTION_MODELS.get(name) == RADTAN_DISTORTION
+    if not d.any() and (is_radtan or name in NO_DISTORTION_NAMES):
+        return RADTAN_DISTORTION.model, NO_DISTORTION
     if name not in DISTORTION_MODELS:
         raise CameraInfoError(
-            "CameraInfo of another distortion model",
-            name or "no name",
-            ", ".join(DISTORTION_MODELS),
-            "Write model, size_px and params of a model that this version knows.",
+            "the distortion model of CameraInfo is not supported",
+            found=name or "no name",
+            expected=", ".join(DISTORTION_MODELS),
+            remedy="Write model, size_px and params of a supported model.",
         )
     model, count = DISTORTION_MODELS[name]
     if not np.isfinite(d).all():
         raise CameraInfoError(
-            "CameraInfo whose D is no number",
-            _describe_distortion(d),
-            f"{count} numbers",
-            "Calibrate the camera anew, or write model, size_px and params.",
+            "D of CameraInfo is not finite",
+            found=_describe_distortion(d),
+            expected=f"{count} numbers",
+            remedy="Calibrate the camera again, or write model, size_px and params.",
         )
     if d[count:].any():
         raise CameraInfoError(
-            f"CameraInfo whose {name} has more than {model} holds",
-            _describe_distortion(d),
-            f"zeros after the first {count}",
-            "Calibrate with plumb_bob, or use the rectified images, whose P holds without D.",
+            f"D of CameraInfo ({name}) has more parameters than {model}",
+            found=_describe_distortion(d),
+            expected=f"zeros after the first {count}",
+            remedy="Calibrate with plumb_bob, or use the rectified images, whose P holds without D.",
         )
     padded = np.append(d[:count], np.zeros(max(0, count - len(d))))
     # radtan's fifth may be left out.
     return model, padded[: 4 if model == "radtan" and not padded[4] else count].tolist()
 
 
-def _describe_distortion(d):
+def _describe_distortion(d: np.ndarray) -> str:
     return "D " + " ".join(f"{v:g}" for v in d)
 
 
-def describe_camera_info(message):
-    """fx fy cx cy and D of a CameraInfo, in words."""
+def describe_camera_info(message: Any) -> str:
+    """Describe fx fy cx cy and D of a CameraInfo."""
     K = _read_field(message, "k").ravel()
-    return (
-        " ".join(f"{K[i]:g}" for i in (0, 4, 2, 5))
-        + ", "
-        + _describe_distortion(_read_field(message, "d").ravel())
-    )
+    focal_and_centre = " ".join(f"{K[i]:g}" for i in (0, 4, 2, 5))
+    return f"{focal_and_centre}, {_describe_distortion(_read_field(message, 'd').ravel())}"
 
 
-def _apply_binning_and_roi(matrix, message):
-    """(K (3, 3), [width, height]) of what binning and region of interest leave of the image."""
+def _apply_binning_and_roi(matrix: np.ndarray, message: Any) -> tuple[np.ndarray, list[int]]:
+    """Return K (3, 3) and [width, height] after binning and region of interest."""
     roi = message.roi
     size = np.array([roi.width or message.width, roi.height or message.height])
     bins = np.maximum([message.binning_x, message.binning_y], 1)
@@ -149,12 +148,12 @@ def _apply_binning_and_roi(matrix, message):
     return K, (size // bins).tolist()
 
 
-def _describe_rectification(message):
+def _describe_rectification(message: Any) -> str:
     R = np.reshape(_read_field(message, "r"), (3, 3))
-    # Where there is none, drivers leave zeros.
+    # Drivers without a rectification leave zeros.
     R = R if R.any() else np.eye(3)
-    turned = np.degrees(np.arccos(np.clip((np.trace(R) - 1) / 2, -1, 1)))
+    angle_deg = np.degrees(np.arccos(np.clip((np.trace(R) - 1) / 2, -1, 1)))
     return (
-        "P of CameraInfo, for rectified images: the pose found is that of the rectified camera, "
-        f"turned by {turned:.2f}° against the raw one"
+        "P of CameraInfo, for rectified images: the estimated pose is that of the rectified camera, "
+        f"rotated by {angle_deg:.2f}° from the raw one"
     )

@@ -80,8 +80,8 @@ def test_p_holds_for_rectified_images_and_the_turn_is_told():
     block, words = camera_block_from_info(message(), rectified=True)
     assert block == {"model": "radtan", "size_px": [900, 700],
                      "params": [700, 700, 440, 360, 0, 0, 0, 0]}  # fmt: skip
-    assert "turned by 3.00° against the raw one" in words
-    assert "turned by 0.00°" in camera_block_from_info(message(r=np.zeros(9)), rectified=True)[1]
+    assert "rotated by 3.00° from the raw one" in words
+    assert "rotated by 0.00°" in camera_block_from_info(message(r=np.zeros(9)), rectified=True)[1]
 
 
 @pytest.mark.parametrize(
@@ -121,15 +121,15 @@ def test_binning_and_a_region_move_the_middle_of_pixels():
 @pytest.mark.parametrize(
     "changes, reason, found",
     [
-        ({"name": "ftheta"}, "CameraInfo of another distortion model", "ftheta"),
+        ({"name": "ftheta"}, "the distortion model of CameraInfo is not supported", "ftheta"),
         (
             {"name": "rational_polynomial", "d": [*D, 0.1, 0, 0]},
-            "CameraInfo whose rational_polynomial has more than radtan holds",
+            "D of CameraInfo (rational_polynomial) has more parameters than radtan",
             "D -0.28 0.09 0.0006 -0.0004 0.01 0.1 0 0",
         ),
         ({"k": np.zeros(9)}, "CameraInfo holds no K", "fx 0, fy 0"),
         ({"k": np.full(9, np.nan)}, "CameraInfo holds no K", "fx nan, fy nan"),
-        ({"d": [np.nan, 0, 0, 0]}, "CameraInfo whose D is no number", "D nan 0 0 0"),
+        ({"d": [np.nan, 0, 0, 0]}, "D of CameraInfo is not finite", "D nan 0 0 0"),
     ],
 )
 def test_what_no_model_holds_is_refused_with_what_to_do(changes, reason, found):

@@ -106,7 +106,9 @@ def guess(k):
 
 def find(name, k, image, offset=None):
     offset = drawn(name, k)[1] if offset is None else offset
-    return find_cylinder_silhouette(image, offset, GREEN, CAMERAS[name], TARGET, guess(k))
+    return find_cylinder_silhouette(
+        image, offset, GREEN, CAMERAS[name], target=TARGET, T_camera_target=guess(k)
+    )
 
 
 def residuals(found, camera, T):
@@ -238,7 +240,9 @@ def test_a_blob_that_touches_the_border_is_refused_in_words():
 def test_a_blob_of_the_wrong_size_is_refused_with_both_areas():
     image = exposed(drawn("pinhole", 0)[0])
     near = make_pose(t=[0, 0, -0.7]) @ place(0)
-    found, status = find_cylinder_silhouette(image, [0, 0], GREEN, CAMERAS["pinhole"], TARGET, near)
+    found, status = find_cylinder_silhouette(
+        image, [0, 0], GREEN, CAMERAS["pinhole"], target=TARGET, T_camera_target=near
+    )
     assert found is None and "size" in status.reason
     assert "px²" in status.found and "px²" in status.expected
 
@@ -249,7 +253,7 @@ def test_a_blob_that_lies_across_the_expected_axis_is_refused():
         make_pose(t=place(0)[:3, 3]) @ make_pose(so3_exp([0, 0, 1.4])) @ make_pose(place(0)[:3, :3])
     )
     found, status = find_cylinder_silhouette(
-        image, offset, GREEN, CAMERAS["pinhole"], TARGET, across
+        image, offset, GREEN, CAMERAS["pinhole"], target=TARGET, T_camera_target=across
     )
     assert found is None and "straight sides" in status.reason
 
