@@ -28,6 +28,7 @@ from calib.sensors.lidar.clouds.cloud_messages import (
     UNSUPPORTED_CLOUD_TYPES,
     read_raw_cloud,
 )
+from calib.sensors.lidar.clouds.point_time_inference import CloudSample
 from calib.sensors.lidar.clouds.raw_cloud import RawCloud
 
 N_LAYOUT_SAMPLES = 10  # clouds that a layout is inferred from
@@ -82,7 +83,7 @@ class LidarProbe:
             self.first_error = self.first_error or str(error)
             return
         if len(cloud.grid_index[0]):
-            self.samples.append((cloud, message.log_time_ns))
+            self.samples.append(CloudSample(cloud, message.log_time_ns))
 
     def add_camera_info(self, message: Any) -> None:
         """Ignore the message: a lidar has no CameraInfo."""

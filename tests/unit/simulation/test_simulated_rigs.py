@@ -21,6 +21,7 @@ from calib.sensors.camera.images.image_messages import read_bgr
 from calib.sensors.lidar.clouds import cloud_messages
 from calib.sensors.lidar.clouds.cloud_layout import infer_cloud_layout
 from calib.sensors.lidar.clouds.cloud_messages import read_raw_cloud
+from calib.sensors.lidar.clouds.point_time_inference import CloudSample
 from simulate import draw_sessions, parse_simulation_arguments
 from simulation import simulated_rigs
 from simulation.config_and_truth import make_target_config, write_simulated_config
@@ -66,7 +67,7 @@ def draw(*arguments):
 def decoded(driver, echoes):
     """xyz (n, 3), ring (n,) and dt (n,), ns, of a cloud of that driver, ring by ring."""
     message = make_cloud_message(STAMP, "lidar", driver, echoes)
-    layout = infer_cloud_layout([(read_raw_cloud(message), STAMP)], 0, {})[0]
+    layout = infer_cloud_layout([CloudSample(read_raw_cloud(message), STAMP)], 0, {})[0]
     xyz, ring, dt = cloud_messages.read_points(message, layout)
     order = np.lexsort([xyz[:, 2], xyz[:, 1], xyz[:, 0]])
     return xyz[order], ring[order], dt[order]

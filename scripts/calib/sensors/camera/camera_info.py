@@ -39,7 +39,7 @@ RECTIFIED_TOPIC_PATTERN = re.compile(r"(^|[/_])rect(ified)?([/_]|$)")
 class CameraInfoError(Exception):
     """A CameraInfo from which no camera block can be made, with the failed status."""
 
-    def __init__(self, reason: str, *, found: str, expected: str, remedy: str) -> None:
+    def __init__(self, reason: str, found: object, expected: object, remedy: str) -> None:
         self.status = failure_status(reason, found, expected, remedy)
         super().__init__(str(self.status))
 

@@ -81,9 +81,9 @@ def find_color_contour(image: np.ndarray, color: Color) -> np.ndarray | None:
 
     Returns None if there is no such blob.
     """
-    mask = np.pad(color.mask(image).astype(np.uint8), 2)
-    for operation in (cv2.MORPH_CLOSE, cv2.MORPH_OPEN):
-        mask = cv2.morphologyEx(mask, operation, np.ones((3, 3), np.uint8))
+    square = np.ones((3, 3), np.uint8)
+    mask = cv2.morphologyEx(np.pad(color.mask(image).astype(np.uint8), 2), cv2.MORPH_CLOSE, square)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, square)
     blobs = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
     if not blobs:
         return None

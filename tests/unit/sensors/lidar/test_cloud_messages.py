@@ -15,6 +15,7 @@ from calib.io.logs.message_types import MessageTypes
 from calib.io.status import MessageError
 from calib.sensors.lidar.clouds import cloud_messages, pointcloud2
 from calib.sensors.lidar.clouds.cloud_layout import CloudLayout, infer_cloud_layout
+from calib.sensors.lidar.clouds.point_time_inference import CloudSample
 from calib.sensors.lidar.clouds.cloud_messages import read_raw_cloud
 from simulation.ros_log import SPECIAL_CLOUD_MESSAGES, make_cloud_message
 from simulation.sensors.cloud_formats import CLOUD_FORMATS, Echoes
@@ -98,7 +99,9 @@ def cloud(layout, xyz=XYZ, height=1, big=False, row_padding=0):
 
 def heard(*messages, asked=None):
     """The Layout, words and status of messages, each recorded a little after its scan's end."""
-    samples = [(read_raw_cloud(m), header_stamp_ns(m) + PERIOD + 2_000_000) for m in messages]
+    samples = [
+        CloudSample(read_raw_cloud(m), header_stamp_ns(m) + PERIOD + 2_000_000) for m in messages
+    ]
     return infer_cloud_layout([s for s in samples if len(s[0].grid_index[0])], PERIOD, asked or {})
 
 
@@ -271,8 +274,8 @@ WORDS = {
     "sick": "t (uint32), ns after the stamp: 0.0 to ",
     "sick_split": "lidar_sec (uint32), ns on the clock of the stamps: 0.0 to ",
     "laserscan": "time_increment (float64), s after the stamp: 0.0 to ",
-    "plain": "no time of points (none of the fields x, y, z, intensity is a time): each scan is "
-    "taken as one moment: used only while everything rests",
+    "plain": "points have no time stamps (none of the fields x, y, z, intensity is a time): scans "
+    "are used only while nothing moves",
 }
 
 
@@ -353,7 +356,9 @@ def test_times_of_a_log_with_few_of_the_clouds_are_those_of_the_driver(driver, a
     """A cloud in 3 s or in 1000 s, as of a topic that was thinned out."""
     echoes = [scan(i)._replace(stamp_ns=STAMP + i * apart_s * 10**9) for i in range(3)]
     samples = [
-        (read_raw_cloud(make_cloud_message(e.stamp_ns, "lidar", driver, e)), e.stamp_ns + PERIOD)
+        CloudSample(
+            read_raw_cloud(make_cloud_message(e.stamp_ns, "lidar", driver, e)), e.stamp_ns + PERIOD
+        )
         for e in echoes
     ]
     layout, words, _ = infer_cloud_layout(samples, apart_s * 10**9, {})
@@ -364,7 +369,7 @@ def test_times_of_a_log_with_few_of_the_clouds_are_those_of_the_driver(driver, a
 def test_a_cloud_without_times_counts_for_a_scan_to_both_sides_of_its_stamp():
     layout = heard(*recorded("plain")[1])[0]
     assert layout.time_span_ns(np.zeros(5, int)) == (-PERIOD, PERIOD)
-    samples = [(read_raw_cloud(m), header_stamp_ns(m)) for m in recorded("plain")[1]]
+    samples = [CloudSample(read_raw_cloud(m), header_stamp_ns(m)) for m in recorded("plain")[1]]
     assert infer_cloud_layout(samples, 3 * 10**9, {})[0].time_span_ns(None) == (
         -200_000_000,
         200_000_000,
@@ -379,7 +384,7 @@ def test_a_lidar_clock_on_tai_is_named():
 
 def test_a_stamp_that_the_log_took_at_once_is_that_of_the_last_point():
     _, messages = recorded("sick", times_as("f8", lambda dt, t: (t + dt) / 1e9 + 5000))
-    samples = [(read_raw_cloud(m), header_stamp_ns(m) + 3_000_000) for m in messages]
+    samples = [CloudSample(read_raw_cloud(m), header_stamp_ns(m) + 3_000_000) for m in messages]
     layout, _, _ = infer_cloud_layout(samples, PERIOD, {})
     assert layout.point_time.origin == "last"
     dt = cloud_messages.read_points(messages[0], layout)[2]
@@ -388,9 +393,9 @@ def test_a_stamp_that_the_log_took_at_once_is_that_of_the_last_point():
 
 def test_points_that_the_log_took_before_they_were_measured_are_doubted_in_words():
     _, messages = recorded("ouster")
-    samples = [(read_raw_cloud(m), header_stamp_ns(m) + 3_000_000) for m in messages]
+    samples = [CloudSample(read_raw_cloud(m), header_stamp_ns(m) + 3_000_000) for m in messages]
     words = infer_cloud_layout(samples, PERIOD, {})[1]["time"]
-    assert "doubtful: the last points lie 97 ms after the log took them" in words
+    assert "doubtful: the last points lie 97 ms after the log recorded them" in words
     assert "write point_time: {origin: last}" in words
 
 
@@ -400,7 +405,10 @@ def test_points_that_the_log_took_before_they_were_measured_are_doubted_in_words
         (lambda dt, t: 0 * dt, "stamps (float32) spans 0 in a scan, no time of 100 ms"),
         (lambda dt, t: (t + dt) / 1e9, "stamps (float32) spans 0 in a scan, no time of 100 ms"),
         (lambda dt, t: dt * 20, "stamps (float32) spans 2e+09 in a scan, no time of 100 ms"),
-        (lambda dt, t: np.where(dt > 5e7, np.nan, dt), "stamps (float32) holds what is no number"),
+        (
+            lambda dt, t: np.where(dt > 5e7, np.nan, dt),
+            "stamps (float32) has values that are not finite",
+        ),
     ],
 )
 def test_values_that_are_no_times_are_named_and_not_used(make, words):
@@ -474,7 +482,9 @@ def test_a_ring_that_is_never_filled_is_inferred():
 
     layout, words, _ = heard(*recorded("velodyne", unfilled)[1])
     assert len(layout.beams.elevation_deg) == 16
-    assert words["ring"].startswith("ring (uint16) tells no beams apart, it has 1 values, inferred")
+    assert words["ring"].startswith(
+        "ring (uint16) does not number the beams: it has 1 values, inferred"
+    )
 
 
 def test_lines_that_sweep_up_and_down_are_no_rings_and_what_that_costs_is_said():
@@ -495,7 +505,7 @@ def test_lines_that_sweep_up_and_down_are_no_rings_and_what_that_costs_is_said()
 
 def test_a_scanner_of_one_line_is_called_so():
     words = heard(*recorded("laserscan", columns=-360)[1])[1]["ring"]
-    assert words == "a 2-D scanner: one line, which tells little across itself"
+    assert words == "a 2-D scanner: one line, with little information across it"
 
 
 # --- other messages
@@ -524,7 +534,7 @@ def test_points_of_foxglove_are_brought_into_the_frame_of_the_message():
     assert np.abs(points(given, "velodyne, packed")[0] - XYZ - [1, 2, 3]).max() < 1e-5
 
     pose.position.x = np.nan
-    with pytest.raises(MessageError, match="a cloud whose pose is no number"):
+    with pytest.raises(MessageError, match="a cloud whose pose is not finite"):
         read_raw_cloud(given)
 
 

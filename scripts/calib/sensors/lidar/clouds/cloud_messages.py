@@ -1,9 +1,10 @@
-"""Messages of lidars as arrays.
+"""The registry of cloud message types: lidar messages as arrays.
 
-A type of message is one module with read(message) -> raw.Raw. To add one: write
-calib/sensors/lidar/clouds/<name>.py and add it to TYPES. Which field holds the time of a point and
-which its ring, no message says: `layout.infer` finds it out of a few and puts it in words.
+To add a type: write calib/sensors/lidar/clouds/<name>.py with the function of CloudReader, and add
+one line to CLOUD_TYPES. cloud_layout infers which fields are the time and the beam of a point.
 """
+
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -11,10 +12,24 @@ from calib.geometry.units import NS_PER_S
 from calib.io.status import MessageError, guard_message_fields
 from calib.sensors.lidar.clouds import foxglove_cloud, laser_scan, livox_custom, pointcloud2
 from calib.sensors.lidar.clouds.beam_inference import assign_beams
+from calib.sensors.lidar.clouds.cloud_layout import CloudLayout
 from calib.sensors.lidar.clouds.point_time_inference import point_times_ns
-from calib.sensors.lidar.clouds.raw_cloud import has_return, select_cloud_points, stack_xyz
+from calib.sensors.lidar.clouds.raw_cloud import (
+    RawCloud,
+    has_return,
+    select_cloud_points,
+    stack_xyz,
+)
 
-CLOUD_TYPES = {
+
+class CloudReader(Protocol):
+    """A message type, as one module."""
+
+    def read(self, message: Any) -> RawCloud:
+        """Return all points of a message of the log; raises MessageError if it is damaged."""
+
+
+CLOUD_TYPES: dict[str, CloudReader] = {
     "sensor_msgs/msg/PointCloud2": pointcloud2,
     "livox_ros_driver/msg/CustomMsg": livox_custom,
     "livox_ros_driver2/msg/CustomMsg": livox_custom,
@@ -33,8 +48,8 @@ _COMPRESSED_REMEDY = (
 _PROTOBUF_CLOUD_REMEDY = (
     "Write it as {0} in ROS encoding (CDR), or record the driver's own ROS topic."
 )
-# Types that are known and not read, by pattern (fnmatch): what to do.
-UNSUPPORTED_CLOUD_TYPES = {
+# Remedy by type name (fnmatch pattern) of known types that are not supported.
+UNSUPPORTED_CLOUD_TYPES: dict[str, str] = {
     "velodyne_msgs/msg/VelodyneScan": _PACKETS_REMEDY,
     "*/msg/PacketMsg": _PACKETS_REMEDY,
     "*/msg/NebulaPackets": _PACKETS_REMEDY,
@@ -51,28 +66,39 @@ UNSUPPORTED_CLOUD_TYPES = {
     ),
     "foxglove.*": _PROTOBUF_CLOUD_REMEDY.format("foxglove_msgs/msg/PointCloud"),
 }
-MAX_POINT_TIME_NS = 10 * NS_PER_S  # from its stamp that a point of a scan can have been measured
+MAX_POINT_TIME_NS = 10 * NS_PER_S  # between a scan's stamp and a point of it
 
 
-def read_raw_cloud(message):
-    """The raw.Raw of a message, only its returns. Raises MessageError where it is damaged."""
+class LidarPoints(NamedTuple):
+    """The returns of a scan.
+
+    xyz: (n, 3) float32, m; ring: (n,), -1 where unknown; dt: (n,), ns after the stamp, zero if
+    points have no time.
+    """
+
+    xyz: np.ndarray
+    ring: np.ndarray
+    dt: np.ndarray
+
+
+def read_raw_cloud(message: Any) -> RawCloud:
+    """Return the returns of a message; raises MessageError if it is damaged."""
     with guard_message_fields(message.__msgtype__):
-        whole = CLOUD_TYPES[message.__msgtype__].read(message)
-        return select_cloud_points(whole, has_return(whole))
+        cloud = CLOUD_TYPES[message.__msgtype__].read(message)
+        return select_cloud_points(cloud, has_return(cloud))
 
 
-def read_points(message, layout):
-    """xyz (n, 3) float32, m; ring (n,), -1 where unknown; dt (n,), ns after the stamp, zero where
-    the layout knows of no time.
+def read_points(message: Any, layout: CloudLayout) -> LidarPoints:
+    """Return the returns of a message with their rings and times.
 
-    Beams without a return, in whichever way drivers mark them, are left out. Raises MessageError
-    where the message is damaged or not of that layout.
+    Raises MessageError if the message is damaged or does not have that layout.
     """
     cloud = read_raw_cloud(message)
     dt = point_times_ns(cloud, layout.point_time)
-    if len(dt) and max(-dt.min(), dt.max()) > MAX_POINT_TIME_NS:
+    largest_ns = max(-dt.min(), dt.max()) if len(dt) else 0
+    if largest_ns > MAX_POINT_TIME_NS:
         raise MessageError(
-            f"points {max(-dt.min(), dt.max()) / NS_PER_S:.1f} s from the stamp of their scan; "
-            "check point_time and the lidar's clock"
+            f"points {largest_ns / NS_PER_S:.1f} s from the stamp of their scan; expected "
+            f"{MAX_POINT_TIME_NS // NS_PER_S} s at most. Check point_time and the lidar's clock."
         )
-    return stack_xyz(cloud).astype(np.float32), assign_beams(cloud, layout.beams), dt
+    return LidarPoints(stack_xyz(cloud).astype(np.float32), assign_beams(cloud, layout.beams), dt)

@@ -1,18 +1,20 @@
 """sensor_msgs/LaserScan: ranges of a 2-D scanner in the x-y plane of its frame."""
 
+from typing import Any
+
 import numpy as np
 
 from calib.io.logs.message_headers import header_stamp_ns
-from calib.sensors.lidar.clouds.raw_cloud import make_raw_cloud
+from calib.sensors.lidar.clouds.raw_cloud import RawCloud, make_raw_cloud
 
 
-def read(message):
-    """Raw of all beams; time_increment holds the time of each, s after the stamp, if stated."""
+def read(message: Any) -> RawCloud:
+    """Return all beams; the field time_increment is the time of each, s after the stamp, if stated."""
     ranges = np.asarray(message.ranges, float)
     n = len(ranges)
     angle = np.nan_to_num(message.angle_min + message.angle_increment * np.arange(n))
-    seen = (ranges >= message.range_min) & (ranges <= message.range_max) & (ranges > 0)
-    ranges = np.where(seen, ranges, 0.0)
+    is_return = (ranges >= message.range_min) & (ranges <= message.range_max) & (ranges > 0)
+    ranges = np.where(is_return, ranges, 0.0)
     fields = {
         "x": ranges * np.cos(angle),
         "y": ranges * np.sin(angle),

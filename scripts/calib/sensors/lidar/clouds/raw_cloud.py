@@ -1,4 +1,4 @@
-"""A cloud before anyone has said what its fields mean."""
+"""A cloud before its fields are interpreted."""
 
 from typing import NamedTuple
 
@@ -8,41 +8,53 @@ RANGE_FIELDS = ("range", "distance")  # fields that drivers set to zero where th
 
 
 class RawCloud(NamedTuple):
-    """Stamp, ns; fields by name, each (n,); row and column (n,) of each point in an organised
-    cloud, whose shape is (height, width)."""
+    """The points of one message.
+
+    stamp_ns: of the message; fields: by name, each (n,); shape: (height, width) of an organised
+    cloud; grid_index: row (n,) and column (n,) of each point in it.
+    """
 
     stamp_ns: int
-    fields: dict
-    shape: tuple
-    grid_index: tuple
+    fields: dict[str, np.ndarray]
+    shape: tuple[int, int]
+    grid_index: tuple[np.ndarray, ...]
+
+    @property
+    def n_points(self) -> int:
+        """Number of points."""
+        return len(self.grid_index[0])
 
 
-def make_raw_cloud(stamp, fields, shape):
-    """Raw of all points of a cloud of that shape."""
-    number = np.arange(shape[0] * shape[1])
-    return RawCloud(stamp, fields, shape, np.divmod(number, max(shape[1], 1)))
+def make_raw_cloud(
+    stamp_ns: int, fields: dict[str, np.ndarray], shape: tuple[int, int]
+) -> RawCloud:
+    """Return all points of a cloud of that shape (height, width)."""
+    index = np.arange(shape[0] * shape[1])
+    return RawCloud(stamp_ns, fields, shape, np.divmod(index, max(shape[1], 1)))
 
 
-def select_cloud_points(cloud, mask):
-    """Raw of the points of a cloud where mask (n,) holds."""
+def select_cloud_points(cloud: RawCloud, mask: np.ndarray) -> RawCloud:
+    """Return the points of a cloud where mask (n,) holds."""
     fields = {k: v[mask] for k, v in cloud.fields.items()}
     return cloud._replace(fields=fields, grid_index=tuple(p[mask] for p in cloud.grid_index))
 
 
-def stack_xyz(cloud):
-    """Points (n, 3), m, sensor frame."""
+def stack_xyz(cloud: RawCloud) -> np.ndarray:
+    """Return the points (n, 3), m, sensor frame."""
     return np.stack([cloud.fields[k] for k in "xyz"], -1)
 
 
-def has_return(cloud):
-    """Whether each beam (n,) has a return: drivers mark those without by what is not finite, by the
-    origin, or by a range of zero."""
+def has_return(cloud: RawCloud) -> np.ndarray:
+    """Return whether each beam (n,) has a return.
+
+    Drivers mark those without one by values that are not finite, by the origin, or by a zero range.
+    """
     with np.errstate(over="ignore"):
         p = stack_xyz(cloud).astype(np.float32)
-    seen = np.isfinite(p).all(1) & (p != 0).any(1)
+    is_return = np.isfinite(p).all(1) & (p != 0).any(1)
     for name in RANGE_FIELDS:
         values = cloud.fields.get(name)
-        # A driver that fills none of them says nothing by it.
-        if values is not None and np.any(values[seen] != 0):
-            seen &= values != 0
-    return seen
+        # A driver that leaves the whole field at zero does not mark beams by it.
+        if values is not None and np.any(values[is_return] != 0):
+            is_return &= values != 0
+    return is_return
