@@ -97,8 +97,8 @@ def find_target_returns(context: ExtractionContext, views: Columns) -> FoundTarg
             view_points(views, i),
             context.predict_target_pose(placement),
             context.pose_margin,
-            context.model,
-            context.extract_options,
+            lidar=context.model,
+            options=context.extract_options,
         )
         if statuses[i].ok:
             returns[i] = rows
@@ -259,8 +259,8 @@ def _make_crossing_columns(
         T_sensor_target,
         view_points(views, i),
         np.asarray(views["ring"][i]),
-        context.model,
-        CROSSING_GATE_SIGMAS * context.model.range_sigma,
+        azimuth_step=context.model.azimuth_step,
+        gate_m=CROSSING_GATE_SIGMAS * context.model.range_sigma,
     )
     # The crossing is evenly distributed between two beams.
     sigma = context.model.azimuth_step / np.sqrt(12)

@@ -15,8 +15,11 @@ ICP_RELATIVE_TOLERANCE = 1e-8  # a smaller relative change of fitness or RMSE en
 class Template(Protocol):
     """Points of a target: xyz (n, 3), target frame, m."""
 
-    xyz: np.ndarray
-    keypoint_mode: str
+    @property
+    def xyz(self) -> np.ndarray: ...
+
+    @property
+    def keypoint_mode(self) -> str: ...
 
 
 def register_template_icp(

@@ -1,15 +1,19 @@
-"""The lens that CameraInfo tells of a camera, in all sessions of a rig."""
+"""The lens of a camera from CameraInfo, in all sessions of a rig."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from calib.io.status import Status, failure_status
 from calib.sensors.sensor_models import with_log_metadata
 
 
-def with_lens_from_log(sensors, guesses):
-    """Sensor blocks by name, completed by the lens of the first of their guess.json that has one;
-    guesses: (name, guess) of every sensor and session."""
+def with_lens_from_log(
+    sensors: Mapping[str, dict[str, Any]], guesses: Iterable[tuple[str, dict[str, Any]]]
+) -> dict[str, dict[str, Any]]:
+    """Return the sensor blocks by name, completed by the first lens in their guess.json.
+
+    guesses: name and guess.json of every sensor and session.
+    """
     out = dict(sensors)
     for name, guess in guesses:
         if "params" not in out[name]:
@@ -37,11 +41,12 @@ def find_lens_mismatches(
     return out
 
 
-def _lens_mismatch_status(name, *lenses):
-    words = [f"{c['model']} {' '.join(f'{p:g}' for p in c['params'])} in {s}" for s, c in lenses]
+def _lens_mismatch_status(name: str, *lenses: tuple[str, dict[str, Any]]) -> Status:
+    """Return the status of a camera with different lenses, by session."""
+    texts = [f"{c['model']} {' '.join(f'{p:g}' for p in c['params'])} in {s}" for s, c in lenses]
     return failure_status(
         f"CameraInfo of {name} differs between sessions",
-        " and ".join(words),
+        " and ".join(texts),
         "one lens",
-        "Give the camera another name in a rig of its own for each lens, or write params.",
+        "Use one rig with a camera name of its own for each lens, or write params.",
     )

@@ -1,6 +1,7 @@
-"""What a lidar's scan pattern, noise and beams are."""
+"""The scan pattern, noise and beams of a lidar."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -9,62 +10,64 @@ from calib.geometry.se3 import se3_exp, transform_points
 
 @dataclass(frozen=True)
 class LidarModel:
-    """Steps and limits of the scan pattern, rad; range limits and starting noise, m.
+    """A lidar: angles in rad, lengths in m.
 
-    What its beams may do to its data, as far as it was estimated: range_bias, m, by which all
-    ranges are too long, and range_offsets, those of ring 0, 1, … beside it; beam_width (m, rad):
-    outlines are seen wider all round by the first, and by the second times the range. The sigmas
-    are those of their priors: of one beam's range and of a width, m. apart (6,): twist from
-    where the lidar is to where the outlines in its scans put it.
+    Scan pattern: steps and limits of azimuth and elevation, limits of the range. Noise: range_sigma,
+    the initial value. Corrections, as far as estimated: range_bias, by which all ranges are too
+    long; range_offsets, those of ring 0, 1, … in addition; beam_width (m, rad), by which outlines
+    appear wider all round: the first, plus the second times the range; outline_twist (6,), from the
+    lidar's pose to the pose that the outlines in its scans give. beam_range_sigma and
+    beam_width_sigma are the priors of one beam's range and of the width.
     """
 
     azimuth_step: float
     elevation_step: float
-    azimuth_limits: tuple | None
-    elevation_limits: tuple | None
-    range_limits: tuple
+    azimuth_limits: tuple[float, ...] | None
+    elevation_limits: tuple[float, ...] | None
+    range_limits: tuple[float, ...]
     range_sigma: float
     beam_range_sigma: float = 0.02
     beam_width_sigma: float = 0.01
     range_bias: float = 0.0
-    range_offsets: tuple = ()
-    beam_width: tuple = (0.0, 0.0)
-    outline_twist: tuple = (0.0,) * 6
+    range_offsets: tuple[float, ...] = ()
+    beam_width: tuple[float, ...] = (0.0, 0.0)
+    outline_twist: tuple[float, ...] = (0.0,) * 6
 
-    def correct_ranges(self, xyz, ring):
-        """Returns xyz (n, 3) of rings (n,), sensor frame, where they should be."""
+    def correct_ranges(self, xyz: np.ndarray, ring: np.ndarray) -> np.ndarray:
+        """Return xyz (n, 3), sensor frame, of rings (n,) with the estimated range errors removed."""
         if self.range_bias or self.range_offsets:
             offsets = np.append(self.range_offsets, 0.0)
-            known = (ring >= 0) & (ring < len(self.range_offsets))
-            longer = self.range_bias + offsets[np.where(known, ring, -1)]
-            xyz = xyz * (1 - longer / np.linalg.norm(xyz, axis=1))[:, None]
+            has_offset = (ring >= 0) & (ring < len(self.range_offsets))
+            excess = self.range_bias + offsets[np.where(has_offset, ring, -1)]
+            xyz = xyz * (1 - excess / np.linalg.norm(xyz, axis=1))[:, None]
         return xyz
 
-    def correct_rays(self, ray, ranges):
-        """Where unit rays (n, 3), sensor frame, that meet something at ranges (n,) should point."""
+    def correct_rays(self, rays: np.ndarray, ranges: np.ndarray) -> np.ndarray:
+        """Return unit rays (n, 3), sensor frame, to an outline at ranges (n,) by outline_twist."""
         if not any(self.outline_twist):
-            return ray
-        there = transform_points(se3_exp(np.array(self.outline_twist)), ray * ranges[:, None])
-        return there / np.linalg.norm(there, axis=1)[:, None]
+            return rays
+        moved = transform_points(se3_exp(np.array(self.outline_twist)), rays * ranges[:, None])
+        return moved / np.linalg.norm(moved, axis=1)[:, None]
 
-    def outline_dilation(self, ranges):
-        """Angle (n,), rad, by which an outline at ranges (n,), m, is seen outside of itself."""
+    def outline_dilation(self, ranges: np.ndarray) -> np.ndarray:
+        """Return the angle (n,), rad, by which an outline at ranges (n,), m, appears too wide."""
         width, divergence = self.beam_width
         return width / ranges + divergence
 
     @classmethod
-    def from_config(cls, config):
-        """The Lidar of a sensor block; angles converted to rad."""
-        limits = {
-            f"{k}_limits": tuple(np.radians(config[f"{k}_deg"])) if f"{k}_deg" in config else None
-            for k in ("azimuth", "elevation")
-        }
+    def from_config(cls, config: dict[str, Any]) -> "LidarModel":
+        """Make the lidar of a sensor block."""
+
+        def angle_limits(key: str) -> tuple[float, ...] | None:
+            return tuple(np.radians(config[key])) if key in config else None
+
         return cls(
             azimuth_step=np.radians(config["azimuth_step_deg"]),
             elevation_step=np.radians(config["elevation_step_deg"]),
+            azimuth_limits=angle_limits("azimuth_deg"),
+            elevation_limits=angle_limits("elevation_deg"),
             range_limits=tuple(config["range_m"]),
             range_sigma=config["range_sigma_m"],
             beam_range_sigma=config["beam_range_sigma_m"],
             beam_width_sigma=config["beam_width_sigma_m"],
-            **limits,
         )

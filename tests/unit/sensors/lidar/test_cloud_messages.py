@@ -15,8 +15,8 @@ from calib.io.logs.message_types import MessageTypes
 from calib.io.status import MessageError
 from calib.sensors.lidar.clouds import cloud_messages, pointcloud2
 from calib.sensors.lidar.clouds.cloud_layout import CloudLayout, infer_cloud_layout
-from calib.sensors.lidar.clouds.point_time_inference import CloudSample
 from calib.sensors.lidar.clouds.cloud_messages import read_raw_cloud
+from calib.sensors.lidar.clouds.point_time_inference import CloudSample
 from simulation.ros_log import SPECIAL_CLOUD_MESSAGES, make_cloud_message
 from simulation.sensors.cloud_formats import CLOUD_FORMATS, Echoes
 from simulation.sensors.scan_patterns import SCAN_PATTERNS
