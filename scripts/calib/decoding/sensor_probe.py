@@ -3,7 +3,7 @@
 To add a kind of sensor: write a class that follows SensorProbe, and add it to PROBE_BY_KIND.
 """
 
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -29,12 +29,9 @@ from calib.sensors.lidar.clouds.cloud_messages import (
     read_raw_cloud,
 )
 from calib.sensors.lidar.clouds.point_time_inference import CloudSample
-from calib.sensors.lidar.clouds.raw_cloud import RawCloud
 
 N_LAYOUT_SAMPLES = 10  # clouds that a layout is inferred from
 MAX_PROBED_MESSAGES = 50  # messages that are tried until enough are readable
-
-CloudSample: TypeAlias = tuple[RawCloud, int]  # and the log time of its message, ns
 
 
 class SensorProbe(Protocol):

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
-from typing import Any as TargetShape
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from calib.estimation.measurement_groups import make_still_placements
 from calib.geometry.se3 import invert_pose
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.lidar.lidar_model import LidarModel
-from calib.targets.target_shapes import target_from_config
+from calib.targets.target_shapes import TargetShape, target_from_config
 from calib.views.target_placements import Columns, mounts_from_guess
 
 

@@ -1,7 +1,6 @@
 """Extract returns on a target's surface and crossings of its outline, or the paper's keypoints."""
 
 from collections.abc import Mapping
-from typing import Any as ExactSurface
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -24,6 +23,7 @@ from calib.io.status import OK, Status, failure_status
 from calib.io.table_schemas import KEYPOINTS_SCHEMA
 from calib.sensors.lidar.outline_crossings import find_outline_crossings
 from calib.sensors.lidar.target_search import find_target_in_scan
+from calib.targets.target_shapes import ExactSurface
 from calib.views.field_of_view import check_lidar_visibility
 from calib.views.target_placements import Columns
 

@@ -8,7 +8,6 @@ that agree are then fitted together.
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Any, NamedTuple
-from typing import Any as TargetShape
 
 import cv2
 import numpy as np
@@ -21,6 +20,7 @@ from calib.initial_guess.pose_voting import SearchCounts, min_pose_sigma, no_con
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.cylinder_silhouette import MIN_BLOB_AREA_PX2, find_color_contour
 from calib.targets.color import Color
+from calib.targets.target_shapes import TargetShape
 from calib.views.frame_sampling import FrameSample, read_samples
 from calib.views.sensor_reader import FrameReader
 

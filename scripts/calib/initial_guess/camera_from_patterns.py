@@ -7,7 +7,6 @@ placements agree is right.
 from collections.abc import Mapping
 from itertools import zip_longest
 from typing import Any, NamedTuple
-from typing import Any as TargetShape
 
 import numpy as np
 
@@ -27,6 +26,7 @@ from calib.initial_guess.pose_voting import (
 )
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.images.image_messages import to_grey
+from calib.targets.target_shapes import TargetShape
 from calib.views.frame_sampling import FrameSample, read_samples
 from calib.views.sensor_reader import FrameReader
 

@@ -9,7 +9,6 @@ Kabsch algorithm on their rotation vectors). A prior of the camera's pose helps 
 from collections.abc import Sequence
 from itertools import combinations, product
 from typing import Any, NamedTuple
-from typing import Any as TargetShape
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -20,6 +19,7 @@ from calib.initial_guess.initial_guess import PoseGuess
 from calib.initial_guess.pose_voting import PoseTolerance, vote_for_pose
 from calib.io.status import Status, failure_status
 from calib.sensors.camera.camera_model import CameraModel
+from calib.targets.target_shapes import TargetShape
 from calib.views.frame_sampling import FrameSample, read_samples
 from calib.views.sensor_reader import FrameReader
 

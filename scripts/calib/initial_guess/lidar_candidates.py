@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
-from typing import Any as TargetShape
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from calib.geometry.ransac_plane import largest_plane_inliers
 from calib.geometry.se3 import make_pose, rotation_between
 from calib.sensors.lidar.lidar_model import LidarModel
 from calib.sensors.lidar.target_search import cluster_points, largest_extent, size_error
+from calib.targets.target_shapes import TargetShape
 
 THINNING_STEP_RAD = np.deg2rad(0.6)  # between the returns that are searched
 MAX_GAP_STEPS = 1.5  # steps of the scan pattern between two returns of one thing

@@ -5,7 +5,6 @@ Which candidate is the target is unknown: poses are made from all pairs of candi
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
-from typing import Any as TargetShape
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from calib.initial_guess.pose_voting import (
     undetermined_pose_status,
 )
 from calib.sensors.lidar.lidar_model import LidarModel
+from calib.targets.target_shapes import TargetShape
 from calib.views.frame_sampling import FrameSample, read_samples
 from calib.views.sensor_reader import FrameReader
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
-from typing import Any as TargetShape
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from calib.io.parquet_tables import select_rows
 from calib.io.status import Status, failure_status
 from calib.mocap.body_trajectory import trajectory_from_columns
 from calib.sensors.sensor_models import sensor_model_from_config
-from calib.targets.target_shapes import target_from_config
+from calib.targets.target_shapes import TargetShape, target_from_config
 from calib.views.frame_sampling import FrameSample, choose_frame_samples
 from calib.views.sensor_reader import FrameReader, make_frame_reader
 from calib.views.target_placements import (

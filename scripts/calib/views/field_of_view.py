@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
-from typing import Any as TargetShape
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from calib.geometry.pose_margin import angular_margin
 from calib.geometry.se3 import invert_pose, so3_exp, transform_points
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.lidar.lidar_model import LidarModel
+from calib.targets.target_shapes import TargetShape
 
 MIN_SQUARE_PX = 6.0
 MIN_BLOB_SIZE_PX = 15.0  # geometric mean of the spread of the outline along and across

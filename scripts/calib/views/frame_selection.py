@@ -1,10 +1,10 @@
 """Select the frames of a sensor that show a target standing still."""
 
 from typing import Any
-from typing import Any as TargetShape
 
 import numpy as np
 
+from calib.targets.target_shapes import TargetShape
 from calib.views.field_of_view import PosedSensor
 from calib.views.placement_selection import select_placements
 from calib.views.pose_selection import select_new_poses, space_evenly

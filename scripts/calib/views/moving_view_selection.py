@@ -1,13 +1,13 @@
 """Select the views of moving targets that a sensor keeps."""
 
 from typing import Any, NamedTuple
-from typing import Any as TargetShape
 
 import numpy as np
 
 from calib.geometry.units import NS_PER_S
 from calib.mocap.body_trajectory import Trajectory
 from calib.mocap.moving_pose_fit import fit_local_motion
+from calib.targets.target_shapes import TargetShape
 from calib.views.field_of_view import PosedSensor
 from calib.views.pose_selection import space_evenly
 

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable, Mapping
 from typing import Any
-from typing import Any as TargetShape
 
 import numpy as np
 
 from calib.io.status import OK, Status, failure_status
+from calib.targets.target_shapes import TargetShape
 from calib.views.field_of_view import PosedSensor
 
 ENOUGH_PLACEMENTS = "enough placements"

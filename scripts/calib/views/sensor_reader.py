@@ -7,7 +7,6 @@ and add it to CROPPERS.
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Protocol
-from typing import Any as TargetShape
 
 import numpy as np
 import pyarrow as pa
@@ -19,6 +18,7 @@ from calib.sensors.lidar.clouds import cloud_messages
 from calib.sensors.lidar.clouds.cloud_layout import CloudLayout
 from calib.sensors.lidar.lidar_model import LidarModel
 from calib.sensors.sensor_models import camera_from_config
+from calib.targets.target_shapes import TargetShape
 from calib.views.field_of_view import (
     VisibilityCheck,
     check_camera_visibility,

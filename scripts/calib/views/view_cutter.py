@@ -4,12 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
-from typing import Any as TargetShape
 
 import numpy as np
 
 from calib.mocap.body_trajectory import Trajectory
-from calib.targets.target_shapes import target_from_config
+from calib.targets.target_shapes import TargetShape, target_from_config
 from calib.views.field_of_view import PosedSensor
 from calib.views.frame_selection import select_frames
 from calib.views.moving_view_selection import select_moving_views

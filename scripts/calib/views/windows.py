@@ -1,12 +1,11 @@
 """Find the part of a scan or image around a target that is kept."""
 
-from typing import Any as TargetShape
-
 import numpy as np
 
 from calib.geometry.pose_margin import angular_margin
 from calib.geometry.se3 import transform_points
 from calib.sensors.camera.camera_model import CameraModel
+from calib.targets.target_shapes import TargetShape
 
 # Directions in the camera frame in which a point is shifted by the margin.
 MARGIN_DIRECTIONS = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
