@@ -227,7 +227,7 @@ def test_rectified_may_be_stated_against_the_name_of_the_topic():
             lambda: told(message(), image=picture(encoding="32FC1")),
             "images that cannot be read",
             "image encoding 32FC1 is not supported; expected one of mono8",
-            "Look at the topic",
+            "Check the topic",
         ),
     ],
 )
