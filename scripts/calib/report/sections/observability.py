@@ -1,11 +1,12 @@
 """Directions of a pose that the data determine well or hardly, and the view to add next."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from calib.diagnosis.observability import (
     GENERAL_ADVICE,
+    LEVER_ARM_M,
     describe_pose_direction,
     principal_directions,
 )
@@ -14,39 +15,19 @@ from calib.report.data.run_data import ReportRun
 from calib.report.number_format import format_number
 
 
-class PrincipalDirectionText(NamedTuple):
-    """A principal direction of a pose: description, σ with its unit, and σ in m at LEVER_ARM_M."""
-
-    description: str
-    sigma_text: str
-    sigma_m: float
-
-
-def principal_pose_directions(
-    covariance: list[list[float]], T_robot_sensor: np.ndarray
-) -> list[PrincipalDirectionText]:
-    """Return the six principal directions of a pose, the least certain first.
-
-    covariance (6, 6): of the pose; a rotation counts as the shift that it makes at LEVER_ARM_M.
-    """
-    directions = []
-    for direction in principal_directions(np.asarray(covariance)):
-        is_rotation = direction.unit == "rad"
-        shown = direction.sigma * (DEG_PER_RAD if is_rotation else MM_PER_M)
-        text = f"{format_number(shown, 2)} {'°' if is_rotation else 'mm'}"
-        description = describe_pose_direction(direction.weights, T_robot_sensor)
-        directions.append(PrincipalDirectionText(description, text, direction.sigma_m))
-    return directions
+def format_sigma(sigma: float, unit: str) -> str:
+    """Format a σ in m or rad as `0.43 mm` or `0.02 °`."""
+    if unit == "rad":
+        return f"{format_number(sigma * DEG_PER_RAD, 2)} °"
+    return f"{format_number(sigma * MM_PER_M, 2)} mm"
 
 
 def format_next_view(next_view: dict[str, Any] | None) -> dict[str, str]:
     """Return description and σ with one and with four placements of the view to add next."""
     if not next_view:
         return {}
-    scale, unit = (DEG_PER_RAD, "°") if next_view["unit"] == "rad" else (MM_PER_M, "mm")
     sigma = {
-        key: f"{format_number(next_view[key] * scale, 2)} {unit}"
-        for key in ("sigma_one", "sigma_four")
+        key: format_sigma(next_view[key], next_view["unit"]) for key in ("sigma_one", "sigma_four")
     }
     return {"description": f"{next_view['target']} {next_view['description']}"} | sigma
 
@@ -56,14 +37,17 @@ def tabulate_observability(run: ReportRun) -> list[dict[str, Any]]:
     rows = []
     for name, sensor in run.sensors.items():
         T = run.T_robot_sensor(name)
-        directions = principal_pose_directions(sensor["covariance"], T) if T is not None else []
-        ratio = None
-        if directions and directions[-1].sigma_m > 0:
-            ratio = directions[0].sigma_m / directions[-1].sigma_m
+        directions = principal_directions(np.array(sensor["covariance"])) if T is not None else []
+        # σ of a rotation counts as the shift that it makes at LEVER_ARM_M.
+        sigma_m = [d.sigma * (LEVER_ARM_M if d.unit == "rad" else 1.0) for d in directions]
+        ratio = sigma_m[0] / sigma_m[-1] if directions and sigma_m[-1] > 0 else None
         rows.append(
             {
                 "name": name,
-                "principal_directions": [(d.description, d.sigma_text) for d in directions],
+                "principal_directions": [
+                    (describe_pose_direction(d.weights, T), format_sigma(d.sigma, d.unit))
+                    for d in directions
+                ],
                 "sigma_ratio": format_number(ratio, 2),
                 "undetermined": [d["description"] for d in sensor["undetermined"]],
                 "next_view": format_next_view(sensor["next_view"]),
