@@ -45,9 +45,7 @@ def draw_message_timing(run: ReportRun, session: str) -> Drawing | None:
     intervals.set(xlabel="time, s", ylabel="over the median", ylim=(0, None))
     intervals.set_title("interval between stamps")
     delays.set(xlabel="time, s", ylabel="ms", title="log time after the stamp")
-    delay_ms = np.concatenate(all_delays_ms)
-    span = np.ptp(delay_ms) + 0.1 * np.abs(delay_ms).max()
-    delays.set_ylim(delay_ms.min() - 0.1 * span, delay_ms.max() + 0.4 * span)
+    delays.set_ylim(*_delay_limits_ms(np.concatenate(all_delays_ms)))
     delays.legend(loc="upper right", ncols=min(len(times), 3), markerscale=2.5)
     return svg_plots.finish_drawing(
         fig,
@@ -56,3 +54,9 @@ def draw_message_timing(run: ReportRun, session: str) -> Drawing | None:
         caption=MESSAGE_TIMING,
         column_span=0,
     )
+
+
+def _delay_limits_ms(delay_ms: np.ndarray) -> tuple[float, float]:
+    """Return the limits of the axis, with space for the legend above the delays (n,)."""
+    span = np.ptp(delay_ms) + 0.1 * np.abs(delay_ms).max()
+    return delay_ms.min() - 0.1 * span, delay_ms.max() + 0.4 * span
