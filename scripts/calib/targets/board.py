@@ -101,7 +101,7 @@ class Board:
         return np.zeros((0, 3)) if self.pattern is None else self.pattern.corners()
 
     def sample_surface(self, spacing: float) -> np.ndarray:
-        """Sample the face on a grid, and its outline, so that the points end where the board does."""
+        """Sample the face on a grid, and its outline, so that the points end with the board."""
         low, high = self.vertices.min(0), self.vertices.max(0)
         x, y = (np.arange(a, b, spacing) for a, b in zip(low, high, strict=True))
         grid = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)

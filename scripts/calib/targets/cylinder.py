@@ -128,8 +128,8 @@ class Cylinder:
     ) -> np.ndarray:
         """Return the indices of the points on a cylinder of the known radius.
 
-        Its axis is fitted robustly, from the expected attitude at the points. The rotation about the
-        axis and the position along it cannot be seen and stay as expected. `seed` is not used.
+        Its axis is fitted robustly, from the expected attitude at the points. The rotation about
+        the axis and the position along it cannot be seen and stay as expected. `seed` is not used.
         """
         T = T_sensor_target.copy()
         beam = points.mean(0) / np.linalg.norm(points.mean(0))

@@ -118,7 +118,7 @@ def _distortion_parameters(name: str, message: Any) -> tuple[str, list[float]]:
             f"D of CameraInfo ({name}) has more parameters than {model}",
             found=_describe_distortion(d),
             expected=f"zeros after the first {count}",
-            remedy="Calibrate with plumb_bob, or use the rectified images, whose P holds without D.",
+            remedy="Calibrate with plumb_bob, or use the rectified images, whose P needs no D.",
         )
     padded = np.append(d[:count], np.zeros(max(0, count - len(d))))
     # radtan's fifth may be left out.
@@ -154,6 +154,6 @@ def _describe_rectification(message: Any) -> str:
     R = R if R.any() else np.eye(3)
     angle_deg = np.degrees(np.arccos(np.clip((np.trace(R) - 1) / 2, -1, 1)))
     return (
-        "P of CameraInfo, for rectified images: the estimated pose is that of the rectified camera, "
+        "P of CameraInfo, for rectified images: the pose is that of the rectified camera, "
         f"rotated by {angle_deg:.2f}° from the raw one"
     )

@@ -84,7 +84,7 @@ class CameraModel:
         return CAMERA_MODELS[self.model]
 
     def project(self, p_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the pixels (n, 2) of points (n, 3), m, and whether the model is valid there (n,)."""
+        """Return the pixels (n, 2) of points (n, 3), m, and whether the model is valid (n,)."""
         x, y, z = np.asarray(p_camera, float).reshape(-1, 3).T
         uv = np.stack(self.lens.project(self.params, x, y, z), -1)
         return uv, np.asarray(self.lens.is_in_domain(self.params, x, y, z))

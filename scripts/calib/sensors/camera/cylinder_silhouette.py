@@ -25,7 +25,7 @@ MIN_BLOB_AXIS_COSINE = np.cos(np.deg2rad(25))  # between the blob's axis and the
 MAX_LIMB_DISTANCE_PX = 1.5  # off the plane of a limb
 LIMB_END_TRIM_PX = 8  # cut off where a limb ends
 LIMB_OUTLIER_MARGIN_PX = 0.5  # off the plane of a limb, beyond 2 sigma, of a measured edge
-# Scales, px, of Tukey's weight in the rounds of the fit of a limb's plane; None: all weigh the same.
+# Scales, px, of Tukey's weight in the rounds of a limb's fit; None: all weigh the same.
 LIMB_FIT_SCALES_PX = (None, 3.0, 1.0, 0.5, 0.3, 0.3)
 
 

@@ -36,8 +36,8 @@ MAX_WIDTH_SIGMAS, MAX_WIDTH_MARGIN_PX = 4, 0.02  # off the usual width of an edg
 class SubpixelEdges(NamedTuple):
     """Points of an edge.
 
-    uv: (n, 2), px; normal: (n, 2), outward; sigma: (n,), px; is_measured: (n,). Points that were not
-    measured lie at the usual distance from the outline, with UNMEASURED_SIGMA_PX.
+    uv: (n, 2), px; normal: (n, 2), outward; sigma: (n,), px; is_measured: (n,). Points that were
+    not measured lie at the usual distance from the outline, with UNMEASURED_SIGMA_PX.
     """
 
     uv: np.ndarray

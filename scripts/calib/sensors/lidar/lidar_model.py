@@ -12,8 +12,8 @@ from calib.geometry.se3 import se3_exp, transform_points
 class LidarModel:
     """A lidar: angles in rad, lengths in m.
 
-    Scan pattern: steps and limits of azimuth and elevation, limits of the range. Noise: range_sigma,
-    the initial value. Corrections, as far as estimated: range_bias, by which all ranges are too
+    Scan pattern: steps and limits of azimuth and elevation, limits of the range. Noise:
+    range_sigma, the initial value. Corrections, as far as estimated: range_bias, by which all ranges are too
     long; range_offsets, those of ring 0, 1, … in addition; beam_width (m, rad), by which outlines
     appear wider all round: the first, plus the second times the range; outline_twist (6,), from the
     lidar's pose to the pose that the outlines in its scans give. beam_range_sigma and
@@ -34,7 +34,7 @@ class LidarModel:
     outline_twist: tuple[float, ...] = (0.0,) * 6
 
     def correct_ranges(self, xyz: np.ndarray, ring: np.ndarray) -> np.ndarray:
-        """Return xyz (n, 3), sensor frame, of rings (n,) with the estimated range errors removed."""
+        """Return xyz (n, 3), sensor frame, of rings (n,) without the estimated range errors."""
         if self.range_bias or self.range_offsets:
             offsets = np.append(self.range_offsets, 0.0)
             has_offset = (ring >= 0) & (ring < len(self.range_offsets))

@@ -13,7 +13,7 @@ MAX_NEXT_BEAM_STEPS = 1.5  # from the last beam on the board to the next return
 
 
 class OutlineCrossings(NamedTuple):
-    """Unit rays (m, 3), sensor frame, at which scan lines cross an outline, and their rings (m,)."""
+    """Unit rays (m, 3), sensor frame, where scan lines cross an outline; their rings (m,)."""
 
     rays: np.ndarray
     ring: np.ndarray
@@ -31,8 +31,8 @@ def find_outline_crossings(
     """Find the outline crossings in one scan.
 
     points (n, 3), ring (n,): all returns of the window; azimuth_step: of the scan pattern, rad. A
-    beam is on the board if it ends within gate_m of its plane and over its outline. If the next beam
-    of the ring has no return, the crossing is taken half a step beyond the last one.
+    beam is on the board if it ends within gate_m of its plane and over its outline. If the next
+    beam of the ring has no return, the crossing is taken half a step beyond the last one.
     """
     q = transform_points(invert_pose(T_sensor_target), points)
     is_over = signed_polygon_distance(target.vertices, q[:, :2]) < MAX_OUTSIDE_OUTLINE_M

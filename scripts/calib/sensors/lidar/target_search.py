@@ -19,7 +19,7 @@ MAX_SCORE = 2
 
 
 def cluster_points(points: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return the cluster number (n,) of points (n, 3): neighbours within tolerance, m, are joined."""
+    """Return the cluster number (n,) of points (n, 3): neighbours within tolerance join."""
     pairs = cKDTree(points).query_pairs(tolerance, output_type="ndarray")
     n = len(points)
     links = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))

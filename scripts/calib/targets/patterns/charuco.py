@@ -84,7 +84,7 @@ class Charuco:
         return cv2.aruco.CharucoDetector(board)
 
     def _detect_corners(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return indices (m,) into corners() of the visible ones, and their pixels (m, 2), roughly."""
+        """Return indices (m,) into corners() of visible corners, and rough pixels (m, 2)."""
         uv, ids, _, _ = self._detector.detectBoard(grey)
         if ids is None:
             return np.zeros(0, int), np.zeros((0, 2))

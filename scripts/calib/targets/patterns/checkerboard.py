@@ -164,7 +164,7 @@ class Checkerboard:
         return Status(reason=f"{n - n_found} of {n} corners are covered") if n_found < n else OK
 
     def _verify_grid(self, region: ImageRegion, seeds: np.ndarray) -> tuple[np.ndarray | None, str]:
-        """Return the grid (n_rows, n_columns, 2), px, of seeds (r, c, 2), or None and what it is."""
+        """Return the grid (n_rows, n_columns, 2), px, of seeds (r, c, 2), or what they are."""
         grid = grow_and_trim_grid(region, seeds, fit_corner_edges)
         if grid is None:
             return None, "a grid that lies on no plane or is none"

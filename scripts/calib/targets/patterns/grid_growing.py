@@ -135,7 +135,7 @@ def _count_line_changes(crossings: np.ndarray) -> list[int]:
 
 
 def _resample_grid(plane: GridPlane, uv: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Return the pixels (rows, columns, 2) of cells: the seeds where there are, else the plane's."""
+    """Return the pixels (rows, columns, 2) of cells: seeds if there are, else the plane's."""
     out = plane.project_cells(cells)
     rows, columns = uv.shape[:2]
     has_seed = ((cells >= 0) & (cells < [columns, rows])).all(-1)

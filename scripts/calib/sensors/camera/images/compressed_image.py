@@ -59,7 +59,7 @@ def _describe_unknown_format(format_name: str) -> str:
 
 
 def _to_bgr(image: np.ndarray, format_name: str) -> np.ndarray:
-    """Return decoded pixels in blue green red; image_transport compresses a Bayer mosaic as grey."""
+    """Return decoded pixels as BGR; image_transport compresses a Bayer mosaic as grey."""
     mosaic = PIXEL_ENCODINGS.get(format_name.split(";")[0].strip())
     if image.ndim == 2 and format_name.startswith("bayer") and mosaic:
         return mosaic.to_bgr(image)

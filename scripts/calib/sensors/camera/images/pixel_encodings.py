@@ -60,7 +60,7 @@ def _demosaic(code: int, pixels: np.ndarray) -> np.ndarray:
 
 
 def _convert_yuv(code: int, pixels: np.ndarray) -> np.ndarray:
-    """Convert YUV pixels: two of a row share their colour, or four of two rows (brightness first)."""
+    """Convert YUV pixels: two of a row share their colour, or four of two rows."""
     if pixels.shape[1] % 2 or (pixels.ndim == 2 and pixels.shape[0] % 3):
         raise MessageError("a YUV image of odd width or height; the message is damaged")
     return cv2.cvtColor(pixels, code)

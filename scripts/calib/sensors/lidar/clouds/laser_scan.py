@@ -9,7 +9,7 @@ from calib.sensors.lidar.clouds.raw_cloud import RawCloud, make_raw_cloud
 
 
 def read(message: Any) -> RawCloud:
-    """Return all beams; the field time_increment is the time of each, s after the stamp, if stated."""
+    """Return all beams; field time_increment: the time of each, s after the stamp, if stated."""
     ranges = np.asarray(message.ranges, float)
     n = len(ranges)
     angle = np.nan_to_num(message.angle_min + message.angle_increment * np.arange(n))

@@ -61,7 +61,8 @@ def point_times_ns(cloud: RawCloud, point_time: PointTime | None) -> np.ndarray:
     required = {point_time.field, NANOSECOND_FIELDS.get(point_time.field, point_time.field)}
     if not required <= set(cloud.fields):
         raise MessageError(
-            f"a cloud without its time, {point_time.field}: its fields are {', '.join(cloud.fields)}"
+            f"a cloud without its time, {point_time.field}: "
+            f"its fields are {', '.join(cloud.fields)}"
         )
     ns = _field_to_ns(cloud, point_time.field, point_time.unit)
     if point_time.origin == "clock":
