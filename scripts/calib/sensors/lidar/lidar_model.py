@@ -13,11 +13,11 @@ class LidarModel:
     """A lidar: angles in rad, lengths in m.
 
     Scan pattern: steps and limits of azimuth and elevation, limits of the range. Noise:
-    range_sigma, the initial value. Corrections, as far as estimated: range_bias, by which all ranges are too
-    long; range_offsets, those of ring 0, 1, … in addition; beam_width (m, rad), by which outlines
-    appear wider all round: the first, plus the second times the range; outline_twist (6,), from the
-    lidar's pose to the pose that the outlines in its scans give. beam_range_sigma and
-    beam_width_sigma are the priors of one beam's range and of the width.
+    range_sigma, the initial value. Corrections, as far as estimated: range_bias, by which all
+    ranges are too long; range_offsets, those of ring 0, 1, … in addition; beam_width (m, rad), by
+    which outlines appear wider all round: the first, plus the second times the range; outline_twist
+    (6,), from the lidar's pose to the pose that the outlines in its scans give. beam_range_sigma
+    and beam_width_sigma are the priors of one beam's range and of the width.
     """
 
     azimuth_step: float
