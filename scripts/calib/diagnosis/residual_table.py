@@ -6,6 +6,7 @@ import numpy as np
 
 from calib.estimation.estimate_state import State, get_local_motion
 from calib.estimation.estimation_problem import MeasurementGroup, Setup
+from calib.estimation.measurement_assignment import pad_to_two_columns
 from calib.estimation.pose_chain import T_sensor_target, deskew_group
 from calib.estimation.residuals.assignment import Assignment
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
@@ -47,7 +48,7 @@ def _group_columns(
         "is_moving": np.full(n, group.is_moving),
         "speed_mps": np.full(n, target_speed_mps(setup, state, group)),
         "kind": np.full(n, group.kind),
-        "value": _pad_to_two_columns(assignment.residual),
+        "value": pad_to_two_columns(assignment.residual),
         "sigma": assignment.sigma,
         "weight": np.where(assignment.feature >= 0, weight, 0.0),
         "measured": measured,
@@ -55,14 +56,6 @@ def _group_columns(
         "cos_incidence": assignment.cos_incidence,
         "feature_index": assignment.feature if is_corner else keypoints["feature_index"],
     }
-
-
-def _pad_to_two_columns(residual: np.ndarray) -> np.ndarray:
-    """Return residuals (n, k) as (n, 2): u and v, or a length and 0."""
-    if residual.shape[1] == 2:
-        return residual
-    length = residual[:, 0] if residual.shape[1] == 1 else np.linalg.norm(residual, axis=1)
-    return np.column_stack([length, np.zeros(len(residual))])
 
 
 def target_speed_mps(setup: Setup, state: State, group: MeasurementGroup) -> float:

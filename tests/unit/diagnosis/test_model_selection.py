@@ -176,7 +176,7 @@ def estimable_corrections(made):
 
 
 def test_slopes_by_the_numbers_are_those_of_the_residuals():
-    """Over a step of 1 % of their σ, for every Hypothesis that can be estimated."""
+    """Over a step of 1 % of their σ, for every correction that can be estimated."""
     made = make_synthetic_setup(0, MIXED[5:9])
     found = estimable_corrections(made)
     assert {h.name for h in found} == {
