@@ -24,7 +24,7 @@ from calib.io.table_schemas import FRAMES_SCHEMA, MOCAP_SCHEMA
 from calib.mocap.body_trajectory import target_trajectories
 from calib.sensors.sensor_models import with_log_metadata
 from calib.views.placement_selection import visibility_status
-from calib.views.sensor_reader import Cropper, make_cropper, make_frame_reader
+from calib.views.sensor_croppers import Cropper, make_cropper, make_frame_reader
 from calib.views.target_placements import PlacementTable, trim_placement_ends
 from calib.views.view_cutter import ViewCutter, ViewRow, view_columns
 

@@ -26,7 +26,7 @@ from calib.io.stage_cli import (
 )
 from calib.io.table_schemas import KEYPOINTS_SCHEMA, MOCAP_SCHEMA, PLACEMENTS_SCHEMA
 from calib.sensors.sensor_models import sensor_model_from_config, with_log_metadata
-from calib.views.sensor_reader import CROPPERS
+from calib.views.sensor_croppers import CROPPERS
 
 
 def log_extraction(name: str, still: Extraction, moving: Extraction) -> None:

@@ -17,7 +17,7 @@ from plotly.offline import get_plotlyjs
 from calib.io.atomic_files import write_file
 from calib.io.stage_cli import StageArgumentParser, logger, run_stage
 from calib.report.data.run_loader import read_report_run
-from calib.report.figures.svg_plots import tile_drawings
+from calib.report.figures.figure_encoding import tile_drawings
 from calib.report.page.html_page import render_template
 from calib.report.page.pdf_page import PdfImages, encode_pdf
 from calib.report.page.report_context import Context, build_page_context

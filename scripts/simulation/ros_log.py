@@ -23,7 +23,7 @@ from calib.io.logs.ros_messages import (
     make_ros_header,
     make_ros_message,
 )
-from calib.sensors.camera.camera_info import CAMERA_INFO_TYPE
+from calib.sensors.camera.camera_info_reader import CAMERA_INFO_TYPE
 from simulation.sensors.camera_exposure import IMAGE_ENCODERS, compress_image
 from simulation.sensors.cloud_formats import Echoes, apply_driver_stamp, make_point_array
 from simulation.simulated_rigs import SimulatedCamera

@@ -9,8 +9,8 @@ import numpy as np
 
 from calib.geometry.units import NS_PER_S
 from calib.io.logs.ros_messages import TF_TYPE, RosMessage, make_tf_message
-from calib.sensors.camera.camera_info import CAMERA_INFO_TYPE
-from calib.sensors.camera.camera_info_message import make_camera_info_message
+from calib.sensors.camera.camera_info_reader import CAMERA_INFO_TYPE
+from calib.sensors.camera.camera_info_writer import make_camera_info_message
 from simulation.ros_log import make_cloud_message, make_image_message
 from simulation.sensor_mounts import BuiltRig
 from simulation.sensors.camera_exposure import Shutter, digitize_image

@@ -23,8 +23,8 @@ from calib.io.table_schemas import (
     RESIDUALS_SCHEMA,
 )
 from calib.report.data import run_data
-from calib.report.figures import rig_figure, svg_plots
-from calib.report.figures.svg_plots import Drawing
+from calib.report.figures import figure_encoding, rig_figure
+from calib.report.figures.figure_encoding import Drawing
 from calib.sensors.camera.images.image_messages import encode_png
 from calib.sensors.sensor_models import camera_from_config
 from calib.targets.target_shapes import target_from_config
@@ -516,9 +516,9 @@ def disable_figures(monkeypatch):
         return Drawing(svg, None, caption, "", column_span)
 
     monkeypatch.setattr(
-        svg_plots, "create_panels", lambda n, *_, **__: (MagicMock(), [MagicMock()] * len(n))
+        figure_encoding, "create_panels", lambda n, *_, **__: (MagicMock(), [MagicMock()] * len(n))
     )
-    monkeypatch.setattr(svg_plots, "finish_drawing", drawing)
+    monkeypatch.setattr(figure_encoding, "finish_drawing", drawing)
     monkeypatch.setattr(rig_figure, "_plot_sensors", MagicMock())
     monkeypatch.setattr(rig_figure, "_plot_sigma_bars", MagicMock())
 

@@ -96,10 +96,11 @@ def file_digests(folder):
 
 
 def load_common_rules(settings):
-    """Return the names of workflow/common.smk, for the content of config.yaml of this folder."""
-    path = ROOT / "workflow" / "common.smk"
+    """Return the names of the workflow's files, for the content of config.yaml of this folder."""
     workflow = SimpleNamespace(basedir=ROOT, dag_settings=SimpleNamespace(targets=set()))
     names = {"workflow": workflow, "shell": MagicMock(), "config": settings}
     names["disk_full_message"] = lambda: ""  # of startup_checks.smk
-    exec(compile(path.read_text(), path, "exec"), names)
+    for name in ("common.smk", "run_summary.smk"):
+        path = ROOT / "workflow" / name
+        exec(compile(path.read_text(), path, "exec"), names)
     return names

@@ -32,7 +32,7 @@ from calib.io.parquet_tables import select_rows
 from calib.sensors.lidar.clouds.cloud_messages import read_raw_cloud
 from calib.sensors.lidar.clouds.raw_cloud import stack_xyz
 from calib.sensors.sensor_models import with_log_metadata
-from calib.views.sensor_reader import make_frame_reader
+from calib.views.sensor_croppers import make_frame_reader
 from helpers import driver_recordings, log_containers
 from helpers.driver_recordings import (
     FOCAL_LENGTH_PX,

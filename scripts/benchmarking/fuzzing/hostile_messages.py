@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarking.fuzzing.small_recordings import FUZZ_START_NS, ROS2_TYPES, make_fuzz_messages
-from calib.io.logs.ros_messages import RosMessage
+from benchmarking.fuzzing.small_recordings import FUZZ_START_NS, make_fuzz_messages
+from calib.io.logs.ros_messages import ROS2_TYPES, RosMessage
 
 HOSTILE_NUMBERS = {
     "int": (0, 1, -1, 127, 255, 32767, 65535, 2**31 - 1, -(2**31), 2**32 - 1, 2**63 - 1),

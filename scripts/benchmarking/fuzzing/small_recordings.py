@@ -31,8 +31,8 @@ from calib.io.logs.ros_messages import (
     make_ros_quaternion,
     make_tf_message,
 )
-from calib.sensors.camera.camera_info import CAMERA_INFO_TYPE
-from calib.sensors.camera.camera_info_message import make_camera_info_message
+from calib.sensors.camera.camera_info_reader import CAMERA_INFO_TYPE
+from calib.sensors.camera.camera_info_writer import make_camera_info_message
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.images.image_messages import encode_png
 from simulation.ros_log import convert_to_ros1, write_rosbags_log

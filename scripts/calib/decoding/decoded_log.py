@@ -17,7 +17,7 @@ from calib.io.status import InputError, guard_message_fields
 from calib.io.table_schemas import FRAMES_SCHEMA
 from calib.mocap.messages.pose_messages import POSE_READERS, read_poses
 from calib.mocap.pose_streams import MocapStreams
-from calib.sensors.camera import camera_info
+from calib.sensors.camera import camera_info_reader
 
 TF_STATIC_TOPIC = "/tf_static"
 
@@ -74,7 +74,7 @@ class DecodedLog:
     def _sort_message(self, message: LogMessage) -> None:
         if message.topic in self._sensor_by_topic:
             self._add_frame(message, self._sensor_by_topic[message.topic])
-        elif message.type == camera_info.CAMERA_INFO_TYPE:
+        elif message.type == camera_info_reader.CAMERA_INFO_TYPE:
             self._add_camera_info(message)
         elif message.topic == TF_STATIC_TOPIC and message.type in POSE_READERS:
             self._add_static_transforms(message)

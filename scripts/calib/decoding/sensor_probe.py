@@ -9,8 +9,8 @@ import numpy as np
 
 from calib.io.logs.log_message import LogMessage, TopicInfo
 from calib.io.status import OK, InputError, Status, failure_status
-from calib.sensors.camera import camera_info
-from calib.sensors.camera.camera_info import (
+from calib.sensors.camera import camera_info_reader
+from calib.sensors.camera.camera_info_reader import (
     CameraInfoError,
     camera_block_from_info,
     describe_camera_info,
@@ -197,7 +197,9 @@ def _is_other_camera_info(one: Any, other: Any) -> bool:
 
 
 def _missing_camera_info(topic: str, topics: dict[str, TopicInfo]) -> CameraInfoError:
-    found = sorted(k for k, (kind, _) in topics.items() if kind == camera_info.CAMERA_INFO_TYPE)
+    found = sorted(
+        k for k, (kind, _) in topics.items() if kind == camera_info_reader.CAMERA_INFO_TYPE
+    )
     return CameraInfoError(
         f"no CameraInfo on {topic}",
         f"CameraInfo on {', '.join(found) or 'no topic'}",

@@ -14,6 +14,7 @@ from calib.estimation.corrections.lidar_range_errors import (
 )
 from calib.estimation.estimate_state import State
 from calib.estimation.estimation_problem import Setup
+from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.nlp.information_matrix import invert_information
 from calib.estimation.nlp.measurement_factor import Factor, joint_information
 from calib.estimation.pose_chain import (
@@ -22,7 +23,6 @@ from calib.estimation.pose_chain import (
     prior_means_and_weights,
 )
 from calib.estimation.residuals.assignment import Assignment
-from calib.estimation.solver import EstimationResult
 
 
 def with_consider_covariance(setup: Setup, result: EstimationResult) -> EstimationResult:

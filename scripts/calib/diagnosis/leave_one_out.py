@@ -13,9 +13,9 @@ import numpy as np
 from calib.diagnosis.consider_covariance import unestimated_variance
 from calib.diagnosis.observability import UNDETERMINED_SIGMA
 from calib.estimation.estimation_problem import Setup
+from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.nlp.information_matrix import invert_information, scale_to_unit_diagonal
 from calib.estimation.nlp.measurement_factor import Factor
-from calib.estimation.solver import EstimationResult
 
 MAX_TARGET_POSE_SIGMA = 0.05  # m, rad: one placement does not determine a direction beyond this
 MIN_CURVE_PLACEMENTS = 3  # minimum number of placements for which σ is predicted

@@ -9,9 +9,9 @@ from calib.diagnosis.leave_one_out import LeaveOneOut
 from calib.diagnosis.observability import TargetDirections, normals_and_axes
 from calib.estimation import pose_chain
 from calib.estimation.estimation_problem import MeasurementGroup, Setup
+from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.residuals.assignment import Assignment
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS, uses_template_points
-from calib.estimation.solver import EstimationResult
 from calib.geometry.se3 import invert_pose, se3_log
 
 TAIL_SIGMA = 3.0

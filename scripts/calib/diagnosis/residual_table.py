@@ -6,12 +6,12 @@ import numpy as np
 
 from calib.estimation.estimate_state import State, get_local_motion
 from calib.estimation.estimation_problem import MeasurementGroup, Setup
+from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.measurement_assignment import pad_to_two_columns
 from calib.estimation.pose_chain import T_sensor_target, deskew_group
 from calib.estimation.residuals.assignment import Assignment
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
 from calib.estimation.residuals.robust_loss import tukey_weight
-from calib.estimation.solver import EstimationResult
 from calib.geometry.se3 import invert_pose, transform_points
 from calib.io.parquet_tables import concatenate_columns
 from calib.io.table_schemas import RESIDUALS_SCHEMA

@@ -8,9 +8,9 @@ import numpy as np
 from calib.diagnosis.observability import advise_views
 from calib.diagnosis.residual_statistics import sensor_groups, target_directions
 from calib.estimation.estimation_problem import MeasurementGroup, Setup
+from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.pose_chain import T_sensor_target, model_with_corrections
 from calib.estimation.residuals.pattern_corner import score_labellings
-from calib.estimation.solver import EstimationResult
 from calib.geometry.se3 import transform_points
 from calib.io.status import OK, Status, failure_status
 from calib.sensors.camera.camera_model import CameraModel

@@ -10,8 +10,9 @@ from calib.diagnosis.observability import UNDETERMINED_SIGMA
 from calib.estimation.corrections.base import ModelCorrection
 from calib.estimation.estimate_state import get_correction_values
 from calib.estimation.estimation_problem import Setup
+from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.pose_chain import ROBOT_MARKERS
-from calib.estimation.solver import EstimationResult, estimate_poses
+from calib.estimation.solver import estimate_poses
 from calib.geometry.se3 import invert_pose, se3_exp, se3_log
 
 

@@ -31,7 +31,7 @@ from calib.estimation.corrections.camera_intrinsics import get_intrinsics_estima
 from calib.estimation.corrections.clock_drift import clock_drift_json
 from calib.estimation.corrections.clock_offset import stream_lags_json, time_offset_json
 from calib.estimation.estimation_problem import Setup
-from calib.estimation.solver import EstimationResult
+from calib.estimation.estimation_result import EstimationResult
 from calib.geometry.se3 import invert_pose, relative_pose_covariance, se3_log
 from calib.io.pose_block import pose_json
 from calib.io.status import Status

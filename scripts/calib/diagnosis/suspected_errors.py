@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calib.diagnosis.noise_terms import Candidate, list_candidates, make_noise_terms
 from calib.diagnosis.observability import LEVER_ARM_M
+from calib.diagnosis.score_terms import Candidate, list_candidates, make_noise_terms
 from calib.estimation.corrections.base import TestableCorrection
 from calib.estimation.corrections.score_test import (
     NoiseTerm,
@@ -21,7 +21,7 @@ from calib.estimation.corrections.score_test import (
     fit_score_step,
     gain_p_value,
 )
-from calib.estimation.corrections.session_shifts import SESSION_SHIFT_NAMES
+from calib.estimation.corrections.slips_and_bumps import SESSION_SHIFT_NAMES
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
 

@@ -21,7 +21,7 @@ from calib.initial_guess.lidar_candidates import ShapeSignature, measure_candida
 from calib.io.parquet_tables import concatenate_columns
 from calib.io.status import OK, Status, failure_status
 from calib.io.table_schemas import KEYPOINTS_SCHEMA
-from calib.sensors.lidar.outline_crossings import find_outline_crossings
+from calib.sensors.lidar.scan_line_crossings import find_outline_crossings
 from calib.sensors.lidar.target_search import find_target_in_scan
 from calib.targets.target_shapes import ExactSurface
 from calib.views.field_of_view import check_lidar_visibility

@@ -21,8 +21,8 @@ from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.cylinder_silhouette import MIN_BLOB_AREA_PX2, find_color_contour
 from calib.targets.color import Color
 from calib.targets.target_shapes import TargetShape
-from calib.views.frame_sampling import FrameSample, read_samples
-from calib.views.sensor_reader import FrameReader
+from calib.views.initial_guess_frames import FrameSample, read_samples
+from calib.views.sensor_croppers import FrameReader
 
 MIN_BLOB_PLACEMENTS = 4  # three give poses, the fourth decides between them
 MAX_TRIPLE_BLOBS = 8  # blobs that triples are drawn from

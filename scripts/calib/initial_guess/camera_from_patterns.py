@@ -27,8 +27,8 @@ from calib.initial_guess.pose_voting import (
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.images.image_messages import to_grey
 from calib.targets.target_shapes import TargetShape
-from calib.views.frame_sampling import FrameSample, read_samples
-from calib.views.sensor_reader import FrameReader
+from calib.views.initial_guess_frames import FrameSample, read_samples
+from calib.views.sensor_croppers import FrameReader
 
 # A reading is left out if it reprojects worse than this many times the best one of its image, or
 # than this share of the spacing of the corners.

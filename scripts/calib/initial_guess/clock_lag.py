@@ -18,7 +18,7 @@ from calib.initial_guess.initial_guess import SOURCE_DATA, OffsetGuess
 from calib.io.status import MessageError, failure_status
 from calib.mocap.body_trajectory import Trajectory
 from calib.sensors.camera.images.image_messages import to_grey
-from calib.views.sensor_reader import FrameReader
+from calib.views.sensor_croppers import FrameReader
 
 SEARCH_RANGE_S = 1.2  # to both sides of the stated offset
 SEARCH_STEP_S = 0.01

@@ -20,8 +20,8 @@ from calib.initial_guess.pose_voting import PoseTolerance, vote_for_pose
 from calib.io.status import Status, failure_status
 from calib.sensors.camera.camera_model import CameraModel
 from calib.targets.target_shapes import TargetShape
-from calib.views.frame_sampling import FrameSample, read_samples
-from calib.views.sensor_reader import FrameReader
+from calib.views.initial_guess_frames import FrameSample, read_samples
+from calib.views.sensor_croppers import FrameReader
 
 MIN_MOUNT_PLACEMENTS = 3  # two relative motions
 MAX_START_PLACEMENTS = 6  # of which every three give a pose to start from

@@ -28,8 +28,8 @@ from calib.initial_guess.pose_voting import (
 )
 from calib.sensors.lidar.lidar_model import LidarModel
 from calib.targets.target_shapes import TargetShape
-from calib.views.frame_sampling import FrameSample, read_samples
-from calib.views.sensor_reader import FrameReader
+from calib.views.initial_guess_frames import FrameSample, read_samples
+from calib.views.sensor_croppers import FrameReader
 
 CANDIDATE_DESCRIPTION = "a thing like the target"
 MAX_MATCH_PAIRS = 4000  # best pairs of candidates that poses are made from

@@ -16,8 +16,8 @@ from calib.io.status import Status, failure_status
 from calib.mocap.body_trajectory import trajectory_from_columns
 from calib.sensors.sensor_models import sensor_model_from_config
 from calib.targets.target_shapes import TargetShape, target_from_config
-from calib.views.frame_sampling import FrameSample, choose_frame_samples
-from calib.views.sensor_reader import FrameReader, make_frame_reader
+from calib.views.initial_guess_frames import FrameSample, choose_frame_samples
+from calib.views.sensor_croppers import FrameReader, make_frame_reader
 from calib.views.target_placements import (
     Columns,
     PlacementTable,

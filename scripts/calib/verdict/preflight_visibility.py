@@ -10,18 +10,14 @@ from calib.initial_guess.initial_guess import NO_SOURCE, PoseGuess
 from calib.initial_guess.stated_pose import read_stated_pose
 from calib.io.parquet_tables import select_rows
 from calib.io.status import Status, failure_status
-from calib.mocap.body_trajectory import (
-    Trajectory,
-    target_trajectories,
-    trajectory_from_columns,
-)
+from calib.mocap.body_trajectory import Trajectory, target_trajectories, trajectory_from_columns
 from calib.sensors.sensor_models import with_log_metadata
 from calib.targets.target_shapes import target_from_config
 from calib.views.field_of_view import PosedSensor
 from calib.views.frame_selection import select_frames
 from calib.views.moving_view_selection import select_moving_views
 from calib.views.placement_selection import visibility_status
-from calib.views.sensor_reader import make_cropper
+from calib.views.sensor_croppers import make_cropper
 from calib.views.target_placements import (
     Columns,
     PlacementTable,

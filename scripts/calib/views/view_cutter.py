@@ -12,7 +12,7 @@ from calib.targets.target_shapes import TargetShape, target_from_config
 from calib.views.field_of_view import PosedSensor
 from calib.views.frame_selection import select_frames
 from calib.views.moving_view_selection import select_moving_views
-from calib.views.sensor_reader import Cropper, FrameReader, TargetWindow, read_and_cut_frame
+from calib.views.sensor_croppers import Cropper, FrameReader, TargetWindow, read_and_cut_frame
 from calib.views.target_placements import (
     Columns,
     assign_frames_to_placements,

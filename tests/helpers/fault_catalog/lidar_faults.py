@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from calib.geometry.units import NS_PER_S
 from helpers.fault_catalog.fault_case import (
     CLOUD_TOPIC,
-    NS_PER_S,
     FaultCase,
     damage_clouds,
     damage_topic,

@@ -3,11 +3,11 @@
 import numpy as np
 
 from calib.geometry.se3 import pose_from_rpy, pose_from_xyz_quat, pose_to_quat
+from calib.geometry.units import NS_PER_S
 from helpers.fault_catalog.fault_case import (
     BOARD_BODY,
     CYLINDER_BODY,
     NS_PER_MS,
-    NS_PER_S,
     ROBOT_BODY,
     TF_TOPIC,
     FaultCase,

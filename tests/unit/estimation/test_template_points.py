@@ -13,15 +13,12 @@ from scipy.spatial import cKDTree
 from calib.estimation.estimate_state import initial_state
 from calib.estimation.estimation_problem import MeasurementGroup, Placement, Setup
 from calib.estimation.measurement_assignment import count_reassignments
-from calib.estimation.noise_update import estimate_mocap_factor
+from calib.estimation.noise_estimation import estimate_mocap_factor
 from calib.estimation.problem_assembly import iteration_limits
 from calib.estimation.residuals import template_silhouette
 from calib.estimation.residuals.assignment import Noise
 from calib.estimation.residuals.nearest_point import template_point_residual
-from calib.estimation.residuals.residual_registry import (
-    RESIDUAL_KINDS,
-    uses_template_points,
-)
+from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS, uses_template_points
 from calib.estimation.residuals.template_silhouette import find_rim_points
 from calib.estimation.solver import estimate_poses
 from calib.extraction.camera_keypoints import extract_color_contour

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import report
-from calib.report.figures.svg_plots import (
+from calib.report.figures.figure_encoding import (
     THEME_VARIABLES,
     create_figure,
     encode_figure_svg,

@@ -15,7 +15,7 @@ from calib.geometry.se3 import (
     transform_points,
 )
 from calib.io.logs.ros_messages import COMPRESSED_IMAGE_TYPE
-from calib.sensors.camera.camera_info_message import make_camera_info_message
+from calib.sensors.camera.camera_info_writer import make_camera_info_message
 from calib.sensors.camera.camera_model import CAMERA_MODELS, CameraModel
 from calib.sensors.camera.images.image_messages import read_bgr
 from calib.sensors.lidar.clouds import cloud_messages

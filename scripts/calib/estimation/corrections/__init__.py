@@ -5,7 +5,7 @@ target_errors         sizes of targets, mounts
 lens_errors           focal length, principal point
 lidar_range_errors    ranges of all beams and of single beams
 lidar_outline_errors  outlines seen too wide or from another place
-session_shifts        targets that slip, sensors that are bumped
+slips_and_bumps       targets that slip, sensors that are bumped
 camera_intrinsics, clock_offset, clock_drift, robot_markers   estimated on request or if observable
 correction_catalog    lists what score tests look for
 group_linearization   derivatives of a group's residuals

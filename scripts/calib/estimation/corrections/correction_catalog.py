@@ -18,7 +18,10 @@ from calib.estimation.corrections.lidar_range_errors import (
     make_beam_corrections,
     make_range_corrections,
 )
-from calib.estimation.corrections.session_shifts import make_bump_corrections, make_slip_corrections
+from calib.estimation.corrections.slips_and_bumps import (
+    make_bump_corrections,
+    make_slip_corrections,
+)
 from calib.estimation.corrections.target_errors import (
     make_cylinder_corrections,
     make_mount_corrections,

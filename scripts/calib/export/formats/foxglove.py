@@ -35,8 +35,8 @@ from calib.io.logs.ros_messages import (
 from calib.io.parquet_tables import read_table
 from calib.io.status import Status
 from calib.report.data.run_data import COLUMNS_WITHOUT_PAYLOAD, VIEW_SCHEMAS
-from calib.sensors.camera.camera_info import CAMERA_INFO_TYPE
-from calib.sensors.camera.camera_info_message import make_camera_info_message
+from calib.sensors.camera.camera_info_reader import CAMERA_INFO_TYPE
+from calib.sensors.camera.camera_info_writer import make_camera_info_message
 from calib.views.pose_selection import space_evenly
 from calib.views.view_payloads import read_view_payloads
 

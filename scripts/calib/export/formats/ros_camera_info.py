@@ -13,7 +13,7 @@ from calib.export.calibrated_scene import (
     lens_or_status,
 )
 from calib.io.status import Status, failure_status
-from calib.sensors.camera.camera_info_message import RosIntrinsics, find_ros_intrinsics
+from calib.sensors.camera.camera_info_writer import RosIntrinsics, find_ros_intrinsics
 from calib.sensors.camera.camera_model import CameraModel
 
 TITLE = "intrinsics for camera_info_manager (camera_info_url: file://…)"

@@ -3,9 +3,9 @@
 import numpy as np
 
 from calib.report.data.run_data import ReportRun
-from calib.report.figures import svg_plots
+from calib.report.figures import figure_encoding
 from calib.report.figures.captions import CORRELATION_MATRIX
-from calib.report.figures.svg_plots import (
+from calib.report.figures.figure_encoding import (
     MARGIN_BOTTOM_IN,
     MARGIN_RIGHT_IN,
     MARGIN_TOP_IN,
@@ -46,7 +46,7 @@ def draw_correlation_matrix(run: ReportRun) -> Drawing | None:
         ax.xaxis.set_ticks(middle, names)
     ax.grid(visible=False)
     ax.set(ylim=(n - 0.5, -0.5), aspect="equal", title="correlation of the poses")
-    return svg_plots.finish_drawing(
+    return figure_encoding.finish_drawing(
         fig,
         "correlation",
         label="Correlations of all numbers of all poses",

@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from calib.report.data.run_data import ReportRun
-from calib.report.figures import svg_plots
+from calib.report.figures import figure_encoding
 from calib.report.figures.captions import CAMERA_COVERAGE, LIDAR_COVERAGE
-from calib.report.figures.svg_plots import BLUE, GREEN, GREY, MUTED_COLOR, ORANGE, Drawing
+from calib.report.figures.figure_encoding import BLUE, GREEN, GREY, MUTED_COLOR, ORANGE, Drawing
 from calib.report.sections.coverage import ViewCoverage, azimuth_elevation_deg
 
 MAX_POINTS = 3000
@@ -26,7 +26,9 @@ def draw_view_coverage(run: ReportRun, sensor: str, coverage: ViewCoverage) -> D
     """Draw the coverage of one sensor."""
     config = run.options["sensors"][sensor]
     is_camera = config["kind"] == "camera"
-    fig, (field, distance, incidence, sky) = svg_plots.create_panels(PANEL_SHARES, height=2.05)
+    fig, (field, distance, incidence, sky) = figure_encoding.create_panels(
+        PANEL_SHARES, height=2.05
+    )
     if is_camera:
         _plot_image_coverage(field, coverage, config["size_px"])
     else:
@@ -35,7 +37,7 @@ def draw_view_coverage(run: ReportRun, sensor: str, coverage: ViewCoverage) -> D
     _plot_histogram(distance, coverage.range_m, "distance, m", "distances")
     _plot_histogram(incidence, coverage.incidence_deg, "incidence, °", "incidence")
     _plot_target_directions(sky, coverage)
-    return svg_plots.finish_drawing(
+    return figure_encoding.finish_drawing(
         fig,
         f"coverage-{sensor}",
         label=f"Coverage of {sensor}",

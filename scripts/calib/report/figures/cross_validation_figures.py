@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 
 from calib.geometry.units import DEG_PER_RAD, MM_PER_M
 from calib.report.data.run_data import ReportRun
-from calib.report.figures import svg_plots
+from calib.report.figures import figure_encoding
 from calib.report.figures.captions import PLACEMENT_INFLUENCE, SIGMA_BY_PLACEMENTS
-from calib.report.figures.svg_plots import (
+from calib.report.figures.figure_encoding import (
     BLUE,
     MUTED_COLOR,
     ORANGE,
@@ -31,14 +31,14 @@ def draw_sigma_by_placements(run: ReportRun) -> Drawing | None:
     }
     if not blocks:
         return None
-    fig, (position, rotation) = svg_plots.create_panels((1, 1), height=2.6)
+    fig, (position, rotation) = figure_encoding.create_panels((1, 1), height=2.6)
     limits = run.verdict["limits"]
     _plot_sigma_curves(position, blocks, "sigma_m", MM_PER_M, limits["warn_sigma_m"] * MM_PER_M)
     position.set(ylabel="σ, mm", title="largest σ of the position")
     _plot_sigma_curves(rotation, blocks, "sigma_rad", DEG_PER_RAD, limits["warn_sigma_deg"])
     rotation.set(ylabel="σ, °", title="largest σ of the rotation")
     position.legend(loc="upper right")
-    return svg_plots.finish_drawing(
+    return figure_encoding.finish_drawing(
         fig,
         "sigma-by-count",
         label="Sigma of each sensor against the number of placements",
@@ -81,7 +81,7 @@ def draw_placement_influence(run: ReportRun, sensor: str) -> Drawing | None:
     ax.set(xlabel="placement left out", ylabel="in σ", ylim=(0, top * 1.3))
     ax.set_title(f"{sensor}: leave-one-out")
     ax.legend(loc="upper right", ncols=2)
-    return svg_plots.finish_drawing(
+    return figure_encoding.finish_drawing(
         fig,
         f"influence-{sensor}",
         label=f"Leave-one-out of the placements of {sensor}",

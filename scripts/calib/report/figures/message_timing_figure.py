@@ -6,9 +6,9 @@ import numpy as np
 
 from calib.geometry.units import MS_PER_S, NS_PER_S
 from calib.report.data.run_data import ReportRun
-from calib.report.figures import svg_plots
+from calib.report.figures import figure_encoding
 from calib.report.figures.captions import MESSAGE_TIMING
-from calib.report.figures.svg_plots import Drawing, cycle_colors
+from calib.report.figures.figure_encoding import Drawing, cycle_colors
 from calib.report.sections.recordings import select_sensor_stamps
 
 MAX_POINTS = 1500  # per sensor
@@ -22,7 +22,7 @@ def draw_message_timing(run: ReportRun, session: str) -> Drawing | None:
     if not times:
         return None
     start_ns = min(log_times_ns.min() for _, log_times_ns in times.values())
-    fig, (intervals, delays) = svg_plots.create_panels((1, 1), height=2.2)
+    fig, (intervals, delays) = figure_encoding.create_panels((1, 1), height=2.2)
     all_delays_ms = []
     for (name, (stamps_ns, log_times_ns)), color in zip(
         times.items(), cycle_colors(), strict=False
@@ -47,7 +47,7 @@ def draw_message_timing(run: ReportRun, session: str) -> Drawing | None:
     delays.set(xlabel="time, s", ylabel="ms", title="log time after the stamp")
     delays.set_ylim(*_delay_limits_ms(np.concatenate(all_delays_ms)))
     delays.legend(loc="upper right", ncols=min(len(times), 3), markerscale=2.5)
-    return svg_plots.finish_drawing(
+    return figure_encoding.finish_drawing(
         fig,
         f"timing-{session}",
         label=f"Intervals and delays of the messages of session {session}",

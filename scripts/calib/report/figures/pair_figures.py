@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from calib.report.data.run_data import ReportRun
-from calib.report.figures import svg_plots
+from calib.report.figures import figure_encoding
 from calib.report.figures.captions import PIXEL_SIGMA_MAP
-from calib.report.figures.svg_plots import (
+from calib.report.figures.figure_encoding import (
     BLUE,
     INK_COLOR,
     PAGE_WIDTH_IN,
@@ -34,7 +34,7 @@ def draw_pixel_sigma_maps(run: ReportRun, pairs: list[dict[str, Any]]) -> list[D
 
 def _draw_map_row(cameras: list[PairCamera], name: str) -> Drawing:
     aspect = max(c.model.size_px[1] / c.model.size_px[0] for c in cameras)
-    fig, axes = svg_plots.create_panels(
+    fig, axes = figure_encoding.create_panels(
         (1,) * MAX_PANELS_PER_ROW,
         height=compute_figure_height(aspect, PAGE_WIDTH_IN / MAX_PANELS_PER_ROW),
     )
@@ -42,7 +42,7 @@ def _draw_map_row(cameras: list[PairCamera], name: str) -> Drawing:
         ax.set_axis_off()
     for ax, camera in zip(axes, cameras, strict=False):
         _plot_sigma_map(ax, camera)
-    return svg_plots.finish_drawing(
+    return figure_encoding.finish_drawing(
         fig,
         name,
         label="Standard deviation of projected points over the image, px",

@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.geometry.units import MM_PER_M
 from calib.report.data.run_data import Columns
-from calib.report.figures import svg_plots
+from calib.report.figures import figure_encoding
 from calib.report.figures.captions import (
     CAMERA_RESIDUALS_BY_INCIDENCE,
     LIDAR_RESIDUALS_BY_INCIDENCE,
@@ -14,7 +14,7 @@ from calib.report.figures.captions import (
     RESIDUALS_BY_RANGE,
     RESIDUALS_BY_RING,
 )
-from calib.report.figures.svg_plots import (
+from calib.report.figures.figure_encoding import (
     BLUE,
     FIGURE_WIDTH_IN,
     GREY,
@@ -130,7 +130,7 @@ def _draw_dependence(sensor: str, plot: DependencePlot) -> Drawing:
         bars = [median - low, high - median]
         ax.errorbar(x, median, bars, fmt="o", ms=3.5, lw=1.2, color=BLUE)
     ax.set(xlabel=plot.xlabel, ylabel=plot.ylabel, title=f"{sensor}: by {plot.quantity}")
-    return svg_plots.finish_drawing(
+    return figure_encoding.finish_drawing(
         fig,
         f"{plot.quantity}-{sensor}",
         label=f"Residuals of {sensor} by {plot.quantity}",
@@ -164,7 +164,7 @@ def draw_residual_vectors(sensor: str, inliers: list[Columns], size_px: tuple[in
         n_beyond=int(np.sum(lengths > 3 * cells.sigma)),
         n_cells=len(lengths),
     )
-    return svg_plots.finish_drawing(
+    return figure_encoding.finish_drawing(
         fig,
         f"vectors-{sensor}",
         label=f"Residual vectors of {sensor} over the image",

@@ -3,7 +3,7 @@
 import numpy as np
 
 from calib.report.data.run_data import Columns, ReportRun
-from calib.report.figures import svg_plots
+from calib.report.figures import figure_encoding
 from calib.report.figures.captions import (
     PIXEL_RESIDUALS,
     PLACEMENT_RMS,
@@ -13,12 +13,7 @@ from calib.report.figures.captions import (
     STANDARDIZED_HISTOGRAM_GOOD,
     STANDARDIZED_HISTOGRAM_NORMAL,
 )
-from calib.report.figures.residual_dependence_figures import (
-    draw_camera_dependences,
-    draw_lidar_dependences,
-    draw_residual_vectors,
-)
-from calib.report.figures.svg_plots import (
+from calib.report.figures.figure_encoding import (
     BLUE,
     COLOR_CYCLE,
     GREEN,
@@ -28,6 +23,11 @@ from calib.report.figures.svg_plots import (
     Drawing,
     compute_figure_height,
     create_figure,
+)
+from calib.report.figures.residual_dependence_figures import (
+    draw_camera_dependences,
+    draw_lidar_dependences,
+    draw_residual_vectors,
 )
 from calib.report.number_format import (
     choose_decimals,
@@ -95,7 +95,7 @@ def draw_standardized_histogram(sensor: str, kind: str, inliers: Columns) -> Dra
         ax.axvline(side, color=MUTED_COLOR, lw=0.7, ls=":")
     name = f"{sensor}, {format_kind(kind)}"
     ax.set(xlabel="residual / σ", ylabel="count", title=f"{name}: in units of σ")
-    return svg_plots.finish_drawing(
+    return figure_encoding.finish_drawing(
         fig,
         f"sigma-{sensor}-{kind}",
         label=f"Residuals of {sensor} {format_kind(kind)} over sigma",
@@ -138,7 +138,7 @@ def draw_residual_histogram(sensor: str, kind: str, inliers: Columns) -> Drawing
         meaning=KIND_DESCRIPTIONS.get(kind, "residuals"),
     )
     label = f"Residuals of {sensor} {format_kind(kind)} in {unit}"
-    return svg_plots.finish_drawing(fig, f"si-{sensor}-{kind}", label=label, caption=caption)
+    return figure_encoding.finish_drawing(fig, f"si-{sensor}-{kind}", label=label, caption=caption)
 
 
 def draw_pixel_residuals(sensor: str, kind: str, inliers: Columns) -> Drawing:
@@ -160,7 +160,7 @@ def draw_pixel_residuals(sensor: str, kind: str, inliers: Columns) -> Drawing:
         v=format_decimals(mean[1], decimals),
     )
     label = f"Residuals of {sensor} {format_kind(kind)} in pixels"
-    return svg_plots.finish_drawing(fig, f"px-{sensor}-{kind}", label=label, caption=caption)
+    return figure_encoding.finish_drawing(fig, f"px-{sensor}-{kind}", label=label, caption=caption)
 
 
 def draw_placement_rms(sensor: str, inliers: dict[str, Columns]) -> Drawing:
@@ -184,7 +184,7 @@ def draw_placement_rms(sensor: str, inliers: dict[str, Columns]) -> Drawing:
     ax.set_title(f"{sensor}: by placement")
     ax.legend(loc="upper right", ncols=3)
     has_sessions = len({session for session, _ in keys}) > 1
-    return svg_plots.finish_drawing(
+    return figure_encoding.finish_drawing(
         fig,
         f"placements-{sensor}",
         label=f"Residuals of {sensor} by placement",

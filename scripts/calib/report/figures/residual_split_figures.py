@@ -6,9 +6,9 @@ import numpy as np
 from scipy import stats
 
 from calib.report.data.run_data import Columns
-from calib.report.figures import svg_plots
+from calib.report.figures import figure_encoding
 from calib.report.figures.captions import QUANTILE_PLOT, RMS_BY_GROUP
-from calib.report.figures.svg_plots import (
+from calib.report.figures.figure_encoding import (
     FIGURE_HEIGHT_IN,
     MUTED_COLOR,
     Drawing,
@@ -49,7 +49,7 @@ def draw_rms_by_group(sensor: str, split_rows: list[dict[str, Any]]) -> Drawing 
     ax.set(ylim=(len(groups) - 0.5, -1.6), xlim=(0, 1.1 * largest), xlabel="rms / σ")
     ax.set_title(f"{sensor}: by target, session, speed")
     ax.legend(loc="upper right", ncols=len(kinds), columnspacing=0.8, handletextpad=0.1)
-    return svg_plots.finish_drawing(
+    return figure_encoding.finish_drawing(
         fig,
         f"groups-{sensor}",
         label=f"Residuals of {sensor} by target, session and speed",
@@ -76,4 +76,6 @@ def draw_quantile_plot(sensor: str, inliers: dict[str, Columns]) -> Drawing | No
     ax.set(ylim=(-1.05 * limit, 1.05 * limit), title=f"{sensor}: quantiles")
     ax.legend(loc="upper left")
     label = f"Quantiles of the residuals of {sensor}"
-    return svg_plots.finish_drawing(fig, f"quantiles-{sensor}", label=label, caption=QUANTILE_PLOT)
+    return figure_encoding.finish_drawing(
+        fig, f"quantiles-{sensor}", label=label, caption=QUANTILE_PLOT
+    )

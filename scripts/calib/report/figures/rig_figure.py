@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from calib.report.data.run_data import ReportRun
-from calib.report.figures import svg_plots
+from calib.report.figures import figure_encoding
 from calib.report.figures.captions import RIG_FIGURE, RIG_FIGURE_TRUTH
-from calib.report.figures.svg_plots import (
+from calib.report.figures.figure_encoding import (
     BLUE,
     COLOR_CYCLE,
     GUESS_COLOR,
@@ -57,14 +57,14 @@ def draw_rig(run: ReportRun) -> Drawing | None:
     poses = {n: T for n in run.sensors if (T := run.T_robot_sensor(n)) is not None}
     if not poses:
         return None
-    fig, axes = svg_plots.create_panels((1.2, 1.2, 1, 1), height=2.7)
+    fig, axes = figure_encoding.create_panels((1.2, 1.2, 1, 1), height=2.7)
     for ax, projection in zip(axes[:2], PROJECTIONS, strict=True):
         _plot_sensors(ax, run, poses, projection.axes)
         ax.set(title=projection.title, xlabel=projection.xlabel, ylabel=projection.ylabel)
     for ax, part in zip(axes[2:], POSE_PARTS, strict=True):
         _plot_sigma_bars(ax, run, poses, part)
     has_truth = any(run.T_robot_sensor_true(n) is not None for n in poses)
-    return svg_plots.finish_drawing(
+    return figure_encoding.finish_drawing(
         fig,
         "rig",
         label="The sensors on the robot, and the standard deviations of their poses",

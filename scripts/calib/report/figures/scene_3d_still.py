@@ -6,15 +6,9 @@ from matplotlib.colors import LinearSegmentedColormap
 
 from calib.geometry.se3 import transform_points
 from calib.report.data.run_data import ReportRun
-from calib.report.figures import svg_plots
+from calib.report.figures import figure_encoding
 from calib.report.figures.captions import SCENE_3D
-from calib.report.figures.scene_3d_data import (
-    SceneSensor,
-    collect_scene_sensors,
-    collect_target_lines,
-    trace_sensor_glyph,
-)
-from calib.report.figures.svg_plots import (
+from calib.report.figures.figure_encoding import (
     BLUE,
     GREY,
     INK_COLOR,
@@ -23,6 +17,12 @@ from calib.report.figures.svg_plots import (
     RED,
     Drawing,
     compute_figure_height,
+)
+from calib.report.figures.scene_3d_data import (
+    SceneSensor,
+    collect_scene_sensors,
+    collect_target_lines,
+    trace_sensor_glyph,
 )
 
 EYE_AZIMUTH_RAD, EYE_ELEVATION_RAD = np.radians(-60), np.radians(32)
@@ -35,7 +35,7 @@ def draw_scene_still(run: ReportRun) -> Drawing | None:
     sensors, target_lines = collect_scene_sensors(run), collect_target_lines(run)
     if not sensors:
         return None
-    fig, axes = svg_plots.create_panels(
+    fig, axes = figure_encoding.create_panels(
         (1, 1), height=compute_figure_height(0.62, PAGE_WIDTH_IN / 2)
     )
     for ax, title, poses in (
@@ -46,7 +46,7 @@ def draw_scene_still(run: ReportRun) -> Drawing | None:
         points += [_plot_sensor(ax, s, T) for s, T in zip(sensors, poses, strict=True)]
         ax.set_title(title)
         _fit_axes(ax, np.concatenate([p for p in points if len(p)]))
-    return svg_plots.finish_drawing(
+    return figure_encoding.finish_drawing(
         fig, "scene", label="Rig, targets and inliers", caption=SCENE_3D, column_span=0
     )
 

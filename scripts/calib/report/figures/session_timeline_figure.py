@@ -5,9 +5,9 @@ from matplotlib.axes import Axes
 
 from calib.geometry.units import NS_PER_S
 from calib.report.data.run_data import Columns, ReportRun
-from calib.report.figures import svg_plots
+from calib.report.figures import figure_encoding
 from calib.report.figures.captions import SESSION_TIMELINE
-from calib.report.figures.svg_plots import (
+from calib.report.figures.figure_encoding import (
     BLUE,
     GREEN,
     GREY,
@@ -53,7 +53,7 @@ def draw_session_timeline(run: ReportRun, session: str) -> Drawing | None:
     ax.set(ylim=(len(rows) - 0.5, -0.5), xlabel="time from the first message shown, s")
     ax.set_xlim(0, max((end_ns - start_ns) / NS_PER_S, 1e-3))
     ax.grid(axis="y", visible=False)
-    return svg_plots.finish_drawing(
+    return figure_encoding.finish_drawing(
         fig,
         f"timeline-{session}",
         label=f"Placements and frames of session {session}",

@@ -8,7 +8,7 @@ import numpy as np
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
 from calib.geometry.se3 import transform_points
 from calib.report.data.run_data import Columns, ReportRun
-from calib.report.figures.svg_plots import Drawing
+from calib.report.figures.figure_encoding import Drawing
 from calib.report.number_format import floor_to_nice_number, format_number
 from calib.report.overlays.overlay_svg import (
     fit_image_box,

@@ -8,7 +8,7 @@ import numpy as np
 from calib.geometry.se3 import invert_pose, transform_points
 from calib.report.data.run_data import ReportRun
 from calib.report.figures.captions import LIDAR_ON_IMAGE
-from calib.report.figures.svg_plots import Drawing
+from calib.report.figures.figure_encoding import Drawing
 from calib.report.overlays.overlay_svg import fit_image_box, render_svg_dots, render_svg_image
 from calib.report.sections.extrinsics import initial_guess_pose
 from calib.report.sections.residuals import residuals_by_kind, score_views

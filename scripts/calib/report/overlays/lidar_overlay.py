@@ -9,8 +9,8 @@ from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
 from calib.geometry.se3 import invert_pose, transform_points
 from calib.geometry.units import MM_PER_M
 from calib.report.data.run_data import Columns, ReportRun, shown_pose
-from calib.report.figures import svg_plots
-from calib.report.figures.svg_plots import (
+from calib.report.figures import figure_encoding
+from calib.report.figures.figure_encoding import (
     BLUE,
     GREEN,
     GREY,
@@ -60,7 +60,9 @@ def draw_lidar_overlay(
         crossings = _intersect_target_plane(invert_pose(T_sensor_target), rays)
     projections = choose_projections(target, T_sensor_target, points_by_mark["guess"])
     shares = [p.share for p in projections]
-    fig, axes = svg_plots.create_panels(shares, OVERLAY_WIDTH_IN, _figure_height_in(projections))
+    fig, axes = figure_encoding.create_panels(
+        shares, OVERLAY_WIDTH_IN, _figure_height_in(projections)
+    )
     for ax, projection in zip(axes, projections, strict=True):
         _draw_projection(ax, projection, points_by_mark)
     if len(crossings):
@@ -72,7 +74,7 @@ def draw_lidar_overlay(
         caption += "; no result, so everything is shown at the initial guess"
     label = f"Returns of view {view['view']} of {sensor} against {view['target']}"
     name = f"{sensor}-{session}-{view['view']}"
-    return svg_plots.finish_drawing(fig, name, label=label, caption=caption)
+    return figure_encoding.finish_drawing(fig, name, label=label, caption=caption)
 
 
 def classify_overlay_points(

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple, Protocol
 
 from calib.io.parquet_tables import select_rows
 from calib.report.data.run_data import Columns, ReportRun, ReportStream
-from calib.report.figures.svg_plots import Drawing
+from calib.report.figures.figure_encoding import Drawing
 from calib.report.overlays.camera_overlay import draw_camera_overlay
 from calib.report.overlays.lidar_overlay import draw_lidar_overlay
 from calib.report.sections.residuals import residuals_by_kind, score_views

@@ -8,7 +8,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from calib.report.figures.svg_plots import Drawing
+from calib.report.figures.figure_encoding import Drawing
 
 
 def render_svg(drawing: Drawing) -> Markup:

@@ -5,7 +5,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from calib.report.figures.svg_plots import Drawing, encode_for_paper
+from calib.report.figures.figure_encoding import Drawing, encode_for_paper
 
 NOISY_LOGGERS = ("weasyprint", "weasyprint.progress", "fontTools")
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from calib.decoding.sensor_probe import CameraProbe
-from calib.sensors.camera import camera_info
-from calib.sensors.camera.camera_info import (
+from calib.sensors.camera import camera_info_reader
+from calib.sensors.camera.camera_info_reader import (
     CameraInfoError,
     camera_block_from_info,
     is_rectified_topic,
 )
-from calib.sensors.camera.camera_info_message import make_camera_info_message
+from calib.sensors.camera.camera_info_writer import make_camera_info_message
 from calib.sensors.camera.camera_model import CameraModel
 
 STAMP = 1_700_000_000_000_000_000
@@ -158,7 +158,7 @@ def test_what_the_simulator_publishes_comes_back():
 # --- what the audit says of a camera
 
 TOPICS = {
-    "/left/camera_info": (camera_info.CAMERA_INFO_TYPE, 9),
+    "/left/camera_info": (camera_info_reader.CAMERA_INFO_TYPE, 9),
     "/left/image_raw": ("sensor_msgs/msg/Image", 9),
 }
 CONFIG = {"kind": "camera", "topic": "/left/image_raw", "camera_info": "/left/camera_info"}

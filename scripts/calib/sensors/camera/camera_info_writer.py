@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from calib.io.logs.ros_messages import make_ros_header, make_ros_message
-from calib.sensors.camera.camera_info import CAMERA_INFO_TYPE
+from calib.sensors.camera.camera_info_reader import CAMERA_INFO_TYPE
 from calib.sensors.camera.camera_model import CameraModel
 
 # By camera model: the name that ROS has for its distortion, and how many coefficients that has.

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.io.status import MessageError
 from calib.views.pose_selection import select_most_different
-from calib.views.sensor_reader import FrameReader
+from calib.views.sensor_croppers import FrameReader
 from calib.views.target_placements import Columns, assign_frames_to_placements
 
 # Smallest difference to other placements at which a placement adds information.
