@@ -178,7 +178,15 @@ def recorded():
     settings = validate_and_complete(
         "config", {"sessions": {"a": {"rig": "a", "log": "a"}}}, "config"
     )
-    return make_simulated_session(args, "velodyne", "board", settings, placements, views, guess)
+    return make_simulated_session(
+        args,
+        "velodyne",
+        "board",
+        settings,
+        placements=placements,
+        views=views,
+        guess=guess,
+    )
 
 
 @pytest.fixture(scope="module")

@@ -1,1 +1,1 @@
-"""Accuracy against known truth, and whether the covariance covers the error."""
+"""Measure accuracy with known truth, and check that the covariance covers the error."""

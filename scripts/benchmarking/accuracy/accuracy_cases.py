@@ -1,24 +1,23 @@
-"""The rows of the accuracy table: which log, which sensor and target, what others reach, the goal.
+"""The rows of the accuracy table: log, sensor, target, published errors and goal of each.
 
-A figure is (mm, deg): the norm of the translation error and the geodesic angle of the rotation
-error. The paper's are of Charron, Waslander and Narasimhan, tables I to III; those of its C++ code
-were measured with the published version on logs like these, from ten guesses that were off by up
+An error is (mm, deg): the norm of the translation error and the geodesic angle of the rotation
+error. The paper is Charron, Waslander and Narasimhan, tables I to III. The errors of its C++ code
+were measured with the published version on similar logs, from ten initial guesses with errors up
 to ±3 cm and ±5° per axis.
 """
 
 from dataclasses import dataclass, field
 from typing import Any
 
-METHOD_CONFIGS: dict[
-    str, dict[str, Any]
-] = {  # what a target's config says on top of shape and size
+# By method: what a target's config contains in addition to shape and size.
+METHOD_CONFIGS: dict[str, dict[str, Any]] = {
     "surface": {"method": "surface"},
     "points": {"method": "points", "points": {"keypoints": "all"}},
     "points, corners": {"method": "points", "points": {"keypoints": "corners"}},
 }
-DEFAULT_METHOD = "surface"  # the method that is held to the goals
+DEFAULT_METHOD = "surface"  # the only method with goals
 RANGE_NOISE_M = 0.008
-LOG_ARGUMENTS = {  # what is simulated for a row: arguments of simulate.py
+LOG_ARGUMENTS = {  # arguments of simulate.py by kind of log
     "round": "--rig round --targets board,cylinder",
     "corners": "--targets board --image-noise 1.8",
     "limbs": "--targets cylinder --image-noise 1.8",
@@ -26,12 +25,10 @@ LOG_ARGUMENTS = {  # what is simulated for a row: arguments of simulate.py
     " --mcs-noise-m 0.00015 --mcs-noise-deg 0.02",
 }
 GUESS_ARGUMENTS = "--guess-error-m 0.03 --guess-error-deg 5"
-MAX_RMS_RATIO, MAX_SINGLE_RATIO = (
-    1.15,
-    2.0,
-)  # largest error over the reference accuracy: RMS of many logs; any one
-COVERAGE_GOAL = (0.93, 0.97)  # share of the 95 % ellipsoids that hold the truth
-# Of simulate.py, for the small logs that run through the whole pipeline.
+MAX_RMS_RATIO = 1.15  # goal: RMS error of many draws over the reference accuracy
+MAX_SINGLE_RATIO = 2.0  # error of one draw over the reference accuracy
+COVERAGE_GOAL = (0.93, 0.97)  # share of the 95 % ellipsoids that contain the truth
+# Arguments of simulate.py for the small logs that run through the whole pipeline.
 FULL_RUN_ARGUMENTS = (
     f"--targets board --placements 5 --hold-s 0.8 --range-noise-m {RANGE_NOISE_M} --image-noise 1.8"
     " --blur-px 0.7 --mcs-noise-m 0.00015 --mcs-noise-deg 0.02"
@@ -40,9 +37,11 @@ FULL_RUN_ARGUMENTS = (
 
 @dataclass(frozen=True, eq=False)
 class AccuracyRow:
-    """One row of the table at every N of counts; goal None: ENSEMBLE times the reference.
+    """One row of the table, measured at every number of placements.
 
-    drawn_from: key of the row whose recordings get this one's noise, many times; default its own.
+    goals, paper_errors: (mm, deg) by number of placements; goals None: MAX_RMS_RATIO times the
+    reference accuracy. cpp_errors: the same by method. source_row_key: row whose noise-free
+    recordings get the noise of this row; default its own.
     """
 
     key: str
@@ -52,23 +51,26 @@ class AccuracyRow:
     target: str
     placement_counts: tuple[int, ...]
     methods: tuple[str, ...]
-    goals: dict | None
-    paper_errors: dict = field(default_factory=dict)
-    cpp_errors: dict = field(default_factory=dict)  # by method
+    goals: dict[int, tuple[float, float]] | None
+    paper_errors: dict[int, tuple[float, float]] = field(default_factory=dict)
+    cpp_errors: dict[str, dict[int, tuple[float, float]]] = field(default_factory=dict)
     source_row_key: str = ""
 
     @property
     def is_noise_free(self) -> bool:
-        """Whether the sensor's data carry no noise."""
+        """Whether the sensor data have no noise."""
         return self.log_kind == "round"
 
     @property
     def is_camera(self) -> bool:
-        """Whether a draw of its noise takes images, which cost more than scans."""
+        """Whether the sensor is a camera; drawing images takes longer than drawing scans."""
         return self.sensor == "camera"
 
     def count_draws(self, n_placements: int, max_draws: int) -> int:
-        """How many draws of the noise at N: `most`, fewer the more images a draw takes."""
+        """Return the number of noise draws at n_placements.
+
+        max_draws for lidars; fewer for cameras if a draw needs many images.
+        """
         return (
             -(-max_draws * self.placement_counts[-1] // n_placements)
             if self.is_camera
@@ -162,7 +164,7 @@ UNMEASURED_GOALS = (
 
 @dataclass(frozen=True)
 class AccuracyCase:
-    """One calibration: a row by one method from one log."""
+    """One calibration: a row of the table, by one method, from one log."""
 
     row: AccuracyRow
     method: str
@@ -171,23 +173,23 @@ class AccuracyCase:
 
     @property
     def case_name(self) -> str:
-        """Of its rig and its session."""
+        """Name of the rig and of the session."""
         method = self.method.replace(", ", "-")
         return f"{self.row.key}-{method}-n{self.n_placements}-s{self.seed}"
 
     @property
     def log_key(self) -> tuple[str, int, int]:
-        """(kind in LOGS, N, seed): the log it reads."""
+        """Kind (key of LOG_ARGUMENTS), number of placements and seed of the log."""
         return self.row.log_kind, self.n_placements, self.seed
 
     @property
     def target_name(self) -> str:
-        """Of its target's config: the same body for every method."""
+        """Name of the target's config; all methods have the same target body."""
         return "-".join([self.row.target, *self.method.split(", ")])
 
 
 def list_accuracy_cases(is_quick: bool) -> list[AccuracyCase]:
-    """All Cases; is_quick: the smallest N of every row."""
+    """Return all cases; if is_quick, only those with the fewest placements of every row."""
     return [
         AccuracyCase(row, method, n, 1)
         for row in ACCURACY_ROWS
@@ -197,7 +199,7 @@ def list_accuracy_cases(is_quick: bool) -> list[AccuracyCase]:
 
 
 def find_draw_source(row: AccuracyRow, n_placements: int) -> AccuracyCase | None:
-    """The Case whose recording the draws of a row start from, or None where there is no noise."""
+    """Return the case whose recording gets the noise draws of a row, None if it has no noise."""
     if row.is_noise_free:
         return None
     key = row.source_row_key or row.key

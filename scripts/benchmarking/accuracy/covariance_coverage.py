@@ -1,8 +1,8 @@
-"""Does the covariance hold what it promises, where every measurement errs exactly as modelled?
+"""Check that the covariance covers the error when all noise is exactly as modelled.
 
-Keypoints are drawn from the noise model itself: returns along the beam, crossings anywhere between
-two beams and alike in every scan, corners and contour points in pixels, and the errors of the MCS
-from their priors, the robot's shared by all targets at rest with it.
+Keypoints get errors from the noise model itself: returns along the beam; outline crossings anywhere
+between two beams, the same in every scan; corners and contour points in pixels; MCS poses from
+their priors, with one robot error for all targets of the same placement.
 """
 
 from collections.abc import Sequence
@@ -24,6 +24,8 @@ from calib.estimation.problem_assembly import SessionKeypoints, build_setup
 from calib.estimation.solver import estimate_poses
 from calib.geometry.se3 import invert_pose, pose_to_quat, se3_exp, se3_log
 from calib.io.config import validate_and_complete
+from calib.targets.board import Board
+from calib.targets.cylinder import Cylinder
 from calib.targets.target_shapes import target_from_config
 from simulate import draw_sessions, parse_simulation_arguments
 from simulation.config_and_truth import make_rig_config, make_target_config
@@ -31,7 +33,7 @@ from simulation.session_recording import SessionTruth
 
 N_VIEWS_PER_PLACEMENT = 2  # scans or images of a placement
 N_MCS_SAMPLES = 60  # MCS poses averaged over a placement
-MAX_START_ERROR = 2e-4  # m, rad: by how much, per axis, the poses are off from which it starts
+MAX_START_ERROR = 2e-4  # m, rad, per axis: error of the poses from which the estimate starts
 NOISE_ARGUMENTS = "--range-noise-m 0.008 --mcs-noise-m 0.00015 --mcs-noise-deg 0.02"
 NOISE_ARGUMENTS += " --mcs-bias-m 0.00005 --mcs-bias-deg 0.005"
 COVERAGE_CASES = {  # title: arguments of simulate.py, sensors
@@ -46,10 +48,10 @@ COVERAGE_CASES = {  # title: arguments of simulate.py, sensors
 
 @dataclass(frozen=True)
 class CoverageCase:
-    """A rig and its placements, with all measurements exact.
+    """A rig and its placements, with exact measurements.
 
-    truth: T_robot_sensor by sensor; options: what solve reads; by session, pairs: columns, and
-    places: Placements by number.
+    T_robot_sensor: true poses (4, 4) by sensor; options: of solve; measurements: columns of
+    pairs.parquet by session; placements: by session and number.
     """
 
     T_robot_sensor: dict[str, np.ndarray]
@@ -59,29 +61,35 @@ class CoverageCase:
 
 
 def make_coverage_case(arguments: str, sensor_names: Sequence[str]) -> CoverageCase:
-    """The Geometry of the sensors so named, as arguments of simulate.py make it (CASES)."""
+    """Make a case of some sensors of a simulated rig.
+
+    arguments: of simulate.py, as in COVERAGE_CASES.
+    """
     args = parse_simulation_arguments(["-", *NOISE_ARGUMENTS.split(), *arguments.split()])
     sessions, guesses = draw_sessions(args)
-    built = sessions[0].rig
-    described = validate_and_complete("rig", make_rig_config(built, guesses, args), "rig")
-    written = {
+    rig = sessions[0].rig
+    rig_config = validate_and_complete("rig", make_rig_config(rig, guesses, args), "rig")
+    target_configs = {
         n: validate_and_complete("target", make_target_config(n, args), n) for n in args.targets
     }
-    some = {"sessions": {"any": {"rig": "any", "log": "any"}}}
-    settings = validate_and_complete("config", some, "config")
+    minimal = {"sessions": {"any": {"rig": "any", "log": "any"}}}
+    settings = validate_and_complete("config", minimal, "config")
     options = {
-        "sensors": {n: described["sensors"][n] for n in sensor_names},
-        "targets": written,
-        "mocap": described["mocap"],
+        "sensors": {n: rig_config["sensors"][n] for n in sensor_names},
+        "targets": target_configs,
+        "mocap": rig_config["mocap"],
         **{k: settings[k] for k in ("associate", "solve")},
     }
-    pairs = {s.name: exact_measurements(s, options) for s in sessions}
-    places = {s.name: exact_placements(s, options) for s in sessions}
-    return CoverageCase({n: built.T_robot_sensor[n] for n in sensor_names}, options, pairs, places)
+    return CoverageCase(
+        T_robot_sensor={n: rig.T_robot_sensor[n] for n in sensor_names},
+        options=options,
+        measurements={s.name: exact_measurements(s, options) for s in sessions},
+        placements={s.name: exact_placements(s, options) for s in sessions},
+    )
 
 
 def exact_placements(session: SessionTruth, options: dict[str, Any]) -> dict[int, Placement]:
-    """Placements by number with exact poses: `count` rests of each target in turn."""
+    """Return the placements by number with exact poses: all of the first target, then the next."""
     names, count = sorted(options["targets"]), len(session.placement_times_ns)
     T_robot_world = invert_pose(session.placement_poses["robot"])
     T = np.concatenate([T_robot_world @ session.placement_poses[n] for n in names])
@@ -103,21 +111,26 @@ def exact_placements(session: SessionTruth, options: dict[str, Any]) -> dict[int
 
 
 def exact_measurements(session: SessionTruth, options: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Columns of pairs.parquet of everything that is seen, exactly."""
+    """Return the columns of pairs.parquet with the exact measurements of all sensors."""
     names, count, parts = sorted(options["targets"]), len(session.placement_times_ns), []
     for number in range(count * len(names)):
         target, k = names[number // count], number % count
         shape = target_from_config(options["targets"][target])
+        assert isinstance(shape, Board | Cylinder), "no other shape has exact observations"
         for sensor, block in options["sensors"].items():
-            sight = OBSERVERS[block["kind"]]
-            for columns in sight(session, sensor, block, target, shape, k):
-                about = {"sensor": sensor, "target": target, "placement": number}
+            observed = OBSERVERS[block["kind"]](
+                session,
+                sensor_name=sensor,
+                sensor_block=block,
+                target_name=target,
+                shape=shape,
+                placement_index=k,
+            )
+            for columns in observed:
+                labels = {"sensor": sensor, "target": target, "placement": number}
                 for view in range(N_VIEWS_PER_PLACEMENT):
-                    parts.append(
-                        _with_constant_columns(
-                            columns, about | {"view": N_VIEWS_PER_PLACEMENT * number + view}
-                        )
-                    )
+                    view_number = N_VIEWS_PER_PLACEMENT * number + view
+                    parts.append(_with_constant_columns(columns, labels | {"view": view_number}))
     return {key: np.concatenate([p[key] for p in parts]) for key in parts[0]}
 
 
@@ -129,7 +142,10 @@ def _with_constant_columns(
 
 
 def draw_coverage_error(case: CoverageCase, seed: int) -> DrawResult:
-    """The Draw of one seed of a Geometry, of all its sensors by name."""
+    """Estimate a case with the noise of one seed; return the joint error of all sensors.
+
+    The error and covariance are those of all sensors, ordered by name.
+    """
     rng = np.random.default_rng([2, seed])
     start = {
         n: T @ se3_exp(rng.uniform(-MAX_START_ERROR, MAX_START_ERROR, 6))
@@ -154,16 +170,16 @@ def draw_coverage_error(case: CoverageCase, seed: int) -> DrawResult:
         initial_noise_factor=10.0,
     )
     names = sorted(case.T_robot_sensor)
-    found = result.solve_result.covariance[: 6 * len(names), : 6 * len(names)]
+    covariance = result.solved.covariance[: 6 * len(names), : 6 * len(names)]
     T = result.state.T_robot_sensor
     errors = [se3_log(invert_pose(T[n]) @ case.T_robot_sensor[n]) for n in names]
-    return DrawResult(np.concatenate(errors), found)
+    return DrawResult(np.concatenate(errors), covariance)
 
 
 def add_measurement_noise(
     columns: dict[str, np.ndarray], case: CoverageCase, rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """The columns with an error of its own for every measurement."""
+    """Return the columns with an independent error on every measurement."""
     kind, n = columns["kind"], len(columns["kind"])
     along, pixels = rng.standard_normal(n), rng.standard_normal((n, 2))
     sigma, xyz, uv = columns["sigma"], columns["xyz"].copy(), columns["uv"].copy()
@@ -180,17 +196,20 @@ def add_measurement_noise(
 def draw_crossing_errors(
     columns: dict[str, np.ndarray], is_crossing: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Uniform errors (m,) of unit σ of the chosen crossings, alike where a scan repeats one."""
-    where = zip(
+    """Draw uniform errors (m,) with σ = 1 for outline crossings.
+
+    A crossing that another scan of the same placement repeats gets the same error.
+    """
+    crossings = zip(
         *(columns[k][is_crossing].tolist() for k in ("sensor", "placement", "xyz")), strict=True
     )
     cells: dict[tuple[str, int, tuple[float, ...]], int] = {}
-    index = [cells.setdefault((s, p, tuple(ray)), len(cells)) for s, p, ray in where]
+    index = [cells.setdefault((s, p, tuple(ray)), len(cells)) for s, p, ray in crossings]
     return np.sqrt(3) * rng.uniform(-1, 1, len(cells))[index]
 
 
 def rotate_rays(rays: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
-    """Rays (n, 3) turned about z by angles (n,), rad: along the scan."""
+    """Return rays (n, 3) rotated about z, along the scan, by angles (n,)."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     x, y, z = rays.T
     return np.column_stack([c * x - s * y, s * x + c * y, z])
@@ -199,7 +218,7 @@ def rotate_rays(rays: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
 def add_mocap_errors(
     placements: dict[int, Placement], rng: np.random.Generator
 ) -> dict[int, Placement]:
-    """Placements by number with errors of the MCS, the robot's alike for all at rest together."""
+    """Return placements with MCS errors; placements of the same rest share the robot's error."""
     robots = {p.robot_rest: rng.standard_normal(6) for _, p in sorted(placements.items())}
     out = {}
     for number, p in sorted(placements.items()):
@@ -211,8 +230,11 @@ def add_mocap_errors(
 
 @dataclass(frozen=True)
 class CoverageResult:
-    """Over the draws of one case: how many; by sensor, and for `all` together, the share of LEVEL
-    ellipsoids that hold the truth, the mean of NEES over its degrees of freedom, and these."""
+    """How often the covariance of one case covers the error, over many draws.
+
+    By sensor, and for `all` together: share_covered: share of the ellipsoids (CONFIDENCE_LEVEL)
+    that contain the truth; mean_nees: mean NEES over its degrees of freedom; n_dof: these.
+    """
 
     title: str
     n_draws: int
@@ -224,7 +246,7 @@ class CoverageResult:
 def compute_coverage(
     title: str, sensor_names: Sequence[str], draws: list[DrawResult]
 ) -> CoverageResult:
-    """The Coverage of Draws of the sensors so named."""
+    """Compute the coverage from the draws of one case with these sensors."""
     sensor_names = sorted(sensor_names)
     blocks = {n: slice(6 * i, 6 * i + 6) for i, n in enumerate(sensor_names)}
     if len(sensor_names) > 1:
@@ -232,12 +254,13 @@ def compute_coverage(
     results = [
         (d.error, d.covariance) for d in draws if d.error is not None and d.covariance is not None
     ]
-    held, nees, size = {}, {}, {}
-    for name, at in blocks.items():
-        found = normalized_squared_errors(
-            np.array([e[at] for e, _ in results]), np.array([c[at, at] for _, c in results])
+    share_covered, mean_nees, n_dof = {}, {}, {}
+    for name, block in blocks.items():
+        nees = normalized_squared_errors(
+            np.array([e[block] for e, _ in results]),
+            np.array([c[block, block] for _, c in results]),
         )
-        size[name] = at.stop - at.start
-        held[name] = float(np.mean(found < chi2.ppf(CONFIDENCE_LEVEL, size[name])))
-        nees[name] = float(found.mean() / size[name])
-    return CoverageResult(title, len(draws), held, nees, size)
+        n_dof[name] = block.stop - block.start
+        share_covered[name] = float(np.mean(nees < chi2.ppf(CONFIDENCE_LEVEL, n_dof[name])))
+        mean_nees[name] = float(nees.mean() / n_dof[name])
+    return CoverageResult(title, len(draws), share_covered, mean_nees, n_dof)

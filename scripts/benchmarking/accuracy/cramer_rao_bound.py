@@ -1,10 +1,10 @@
-"""Reference accuracy: how well the very data in use could tell a pose, were all noise known.
+"""Reference accuracy: the best accuracy that the same data allow if all noise is known.
 
-The information of every measurement is taken at the true poses with the true noise, the errors of
-the MCS poses are marginalised, one per body and rest, and the inverse is the covariance of an
-efficient estimator. All scans of a placement count, but where a scan line leaves a target counts
-once, as uniform between two beams (step²/12), which an interval estimator may beat. That holds for
-the outline of a board and for the sides of a cylinder. No robust loss.
+The information of all measurements is computed at the true poses with the true noise. MCS errors,
+one per body and placement, are marginalised. The inverse is the covariance of an efficient
+estimator. Returns of all scans of a placement count. A point where a scan line leaves a target (the
+outline of a board, the side of a cylinder) counts once per placement, with an error uniform between
+two beams (variance step²/12); an interval estimator can be better than that. No robust loss.
 """
 
 from dataclasses import dataclass, replace
@@ -18,7 +18,6 @@ from calib.estimation.measurement_assignment import assign_measurements
 from calib.estimation.nlp.information_matrix import covariance_from_information
 from calib.estimation.nlp.symbolic_chain import make_residual_function
 from calib.estimation.noise_estimation import split_common_noise
-from calib.estimation.residuals import cylinder_limb
 from calib.estimation.residuals.assignment import Assignment, Noise
 from calib.estimation.residuals.board_outline import MIN_SCAN_ANGLE_SINE, MIN_VERTEX_DISTANCE_M
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
@@ -27,17 +26,20 @@ from calib.geometry.se3 import so3_exp
 from calib.sensors.lidar.lidar_model import LidarModel
 from calib.targets.cylinder import Cylinder
 
-MIN_TRUE_SIGMA = 1e-9  # m, rad: stands for none, so that a prior may be divided by it
+MIN_TRUE_SIGMA = 1e-9  # m, rad: used instead of 0, because priors are divided by it
 N_NOISE_ROUNDS = 5
-MAX_TANGENT_MISS_STEPS = (
-    1.5  # steps of the scan pattern by which the ray of a side's crossing may miss it
-)
+# Distance, in steps of the scan pattern, at which a ray still counts as touching a cylinder's side.
+MAX_TANGENT_MISS_STEPS = 1.5
 
 
 @dataclass(frozen=True)
 class CramerRaoBound:
-    """By sensor the covariance (6, 6), and the one without where scan lines leave the targets; by
-    (sensor, kind) the σ of one measurement."""
+    """The reference accuracy of a setup.
+
+    covariance: (6, 6) by sensor; covariance_without_outlines: the same from returns, corners and
+    contour points alone, without outline crossings; measurement_sigma: σ of one measurement by
+    (sensor, kind).
+    """
 
     covariance: dict[str, np.ndarray]
     covariance_without_outlines: dict[str, np.ndarray]
@@ -47,10 +49,11 @@ class CramerRaoBound:
 def compute_cramer_rao_bound(
     setup: Setup, T_robot_sensor: dict[str, ndarray], range_sigma_m: float
 ) -> CramerRaoBound:
-    """The Reference of a Setup.
+    """Compute the reference accuracy of a setup.
 
-    T_robot_sensor by name is the true one, range_sigma, m, too, and so is the σ of the setup's
-    placements. The noise of what a camera finds is taken from its own errors at the truth.
+    T_robot_sensor: true poses (4, 4) by sensor; range_sigma_m: true noise of a range. The MCS
+    noise of the setup's placements must be the true one. The noise of image measurements is
+    estimated from their errors at the true poses.
     """
     state = initial_state(setup, T_robot_sensor, 1.0)
     state = replace(state, noise=estimate_true_noise(setup, state, range_sigma_m))
@@ -76,46 +79,51 @@ def _select_groups(setup: Setup, noise_key: tuple[str, str]) -> list[Measurement
 
 
 def _median_keypoint_sigma(groups: list[MeasurementGroup]) -> float:
-    """The σ that keypoints came with: their median."""
+    """Return the median of the σ of the keypoints."""
     return float(np.median(np.concatenate([g.keypoints["sigma"] for g in groups])))
 
 
 def estimate_true_noise(
     setup: Setup, state: State, range_sigma_m: float
 ) -> dict[tuple[str, str], Noise]:
-    """Noise over the keypoints' own σ, by (sensor, kind).
+    """Return the true noise, as a factor on the σ of the keypoints, by (sensor, kind).
 
-    Ranges: as given. What is found in images: of its errors at the truth, of all that belongs to a
-    target there, with what all images of a placement have in common. Where scan lines leave a
-    target: the step, the same in every scan.
+    Ranges: range_sigma_m. Image measurements: their RMS error at the true poses, split into the
+    part common to all images of a placement and the rest. Outline crossings: unchanged.
     """
-    known = dict(state.noise)
-    for key in known:
+    noise = dict(state.noise)
+    for key in noise:
         kind, groups = RESIDUAL_KINDS[key[1]], _select_groups(setup, key)
         if kind.UNIT == "m":
-            known[key] = Noise(
+            noise[key] = Noise(
                 max(range_sigma_m, MIN_TRUE_SIGMA) / _median_keypoint_sigma(groups), 0.0
             )
         elif kind.MIN_SIGMA is not None:
-            known[key] = _image_noise(replace(setup, groups=groups), state, key)
-    return known
+            noise[key] = _image_noise(replace(setup, groups=groups), state, key)
+    return noise
 
 
 def _image_noise(setup: Setup, state: State, noise_key: tuple[str, str]) -> Noise:
-    """Noise of the errors at the truth: their rms per component, members by that very σ."""
-    known = {noise_key: Noise(10.0, 0.0)}
+    """Return the RMS error per component at the true poses.
+
+    Inliers depend on the noise, so both are repeated N_NOISE_ROUNDS times.
+    """
+    noise = {noise_key: Noise(10.0, 0.0)}
     for _ in range(N_NOISE_ROUNDS):
-        assigned = assign_measurements(setup, replace(state, noise=state.noise | known))
+        assigned = assign_measurements(setup, replace(state, noise=state.noise | noise))
         values = np.concatenate([a.residual_over_sigma0[a.feature >= 0] for a in assigned])
         if not len(values):
-            return known[noise_key]
-        known[noise_key] = Noise(float(np.sqrt(np.mean(values**2))), 0.0)
-    return split_common_noise(setup, assigned, known, {noise_key: 0.0})[noise_key]
+            return noise[noise_key]
+        noise[noise_key] = Noise(float(np.sqrt(np.mean(values**2))), 0.0)
+    return split_common_noise(setup, assigned, noise, {noise_key: 0.0})[noise_key]
 
 
 def compute_true_information(setup: Setup, state: State) -> tuple[ndarray, ndarray]:
-    """(n, n), twice, of all unknowns of the estimate: of what lies on the targets, with the priors
-    of the MCS, and of where scan lines leave the targets."""
+    """Return two information matrices (n, n) of all unknowns of the estimate.
+
+    The first is of measurements on the targets, with the MCS priors; the second of the points
+    where scan lines leave the targets.
+    """
     assigned = assign_measurements(setup, state)
     parts = linearize_measurements(setup, build_nlp(setup), state, assigned)
     inside, outlines = np.zeros((2, setup.n_unknowns, setup.n_unknowns))
@@ -124,11 +132,15 @@ def compute_true_information(setup: Setup, state: State) -> tuple[ndarray, ndarr
         model, target = setup.models[g.sensor], setup.targets[setup.placements[g.placement].target]
         square = np.ix_(p.columns, p.columns)
         weight = np.where(a.feature >= 0, a.effective_weight, 0.0)
-        own = sum((weight * J) @ J.T for J in p.J_pose)
+        information = sum((weight * J) @ J.T for J in p.J_pose)
         (outlines if g.kind == "board_outline" else inside)[square] += (
-            p.dpose_dx.T @ own @ p.dpose_dx
+            p.dpose_dx.T @ information @ p.dpose_dx
         )
-        if g.kind == "target_surface" and isinstance(target, Cylinder):
+        if (
+            g.kind == "target_surface"
+            and isinstance(target, Cylinder)
+            and isinstance(model, LidarModel)
+        ):
             sides = cylinder_side_information(
                 model, target, p.T_sensor_target, outermost_rays(g, a, model)
             )
@@ -139,8 +151,8 @@ def compute_true_information(setup: Setup, state: State) -> tuple[ndarray, ndarr
 def outermost_rays(
     group: MeasurementGroup, assignment: Assignment, lidar: LidarModel
 ) -> np.ndarray:
-    """Rays (2 n, 3), lidar frame, half a step beyond the first and last return of each of n rings,
-    all scans of the placement together."""
+    """Return the rays (2 n, 3), lidar frame, half a step outside the first and last return of each
+    of n rings, over all scans of the placement."""
     k, member = group.keypoints, assignment.feature >= 0
     middle = np.arctan2(*k["xyz"][member].mean(0)[1::-1]) if member.any() else 0.0
     azimuth = (np.arctan2(*k["xyz"].T[1::-1]) - middle + np.pi) % (2 * np.pi)
@@ -157,8 +169,10 @@ def outermost_rays(
 def cylinder_side_information(
     lidar: LidarModel, target: Cylinder, T_sensor_target: np.ndarray, rays: np.ndarray
 ) -> np.ndarray:
-    """(6, 6) of the rays (n, 3) among those given that touch a cylinder's side, about the right
-    perturbation of T_sensor_target."""
+    """Return the information (6, 6) of those rays that touch the side of a cylinder.
+
+    rays: (n, 3), lidar frame. The matrix is for the right perturbation of T_sensor_target.
+    """
     axis, centre = T_sensor_target[:3, 0], T_sensor_target[:3, 3]
     normal = np.cross(axis, rays)
     normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -176,9 +190,8 @@ def cylinder_side_information(
     data = np.column_stack([rays, side, one, 1 / sigma])[rows].T
     if not rows.any():
         return np.zeros((6, 6))
-    kernel = make_residual_function(
-        cylinder_limb.residual(lidar, target), len(cylinder_limb.DATA_COLUMNS)
-    )
+    limb = RESIDUAL_KINDS["cylinder_limb"]
+    kernel = make_residual_function(limb.residual(lidar, target), len(limb.DATA_COLUMNS))
     every = kernel.map("every", "serial", data.shape[1], [0], [])
     J = np.array(every(T_sensor_target[:3], data)[1]).reshape(-1, 6)
     return J.T @ J

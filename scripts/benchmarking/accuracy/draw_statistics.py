@@ -1,4 +1,4 @@
-"""Many results of one case against their truth: how large the errors are, and how honest σ is."""
+"""Statistics of many results of one case: size of the errors, and how well σ predicts them."""
 
 from dataclasses import dataclass
 
@@ -10,13 +10,16 @@ from benchmarking.accuracy.accuracy_cases import MAX_SINGLE_RATIO
 from benchmarking.accuracy.error_metrics import sigma_mm_deg
 
 CONFIDENCE_LEVEL = 0.95  # of the ellipsoids and of the bands
-N_TRIALS = 20_000  # of the share that an efficient estimator would have above SINGLE
+N_TRIALS = 20_000  # random errors from which the outlier share of an efficient estimator follows
 
 
 @dataclass(frozen=True)
 class DrawResult:
-    """The error (k,) of one result, twists from what was found to the truth, and the covariance
-    (k, k) that came with it; None, None where there is no result."""
+    """Error and covariance of one result.
+
+    error: (k,) twist from the estimate to the truth; covariance: (k, k) as reported. Both are None
+    if there is no result.
+    """
 
     error: np.ndarray | None
     covariance: np.ndarray | None
@@ -24,17 +27,21 @@ class DrawResult:
 
 @dataclass(frozen=True)
 class DrawStatistics:
-    """Over the draws of one case. count: with a result; lost: without; rms, reference, bare: (mm,
-    deg), bare being the reference without outlines; worst: the largest error of one draw over the
-    reference; beyond: the share of draws above SINGLE times the reference, in mm or deg, and
-    usual: that of an efficient estimator; nees: mean of NEES/6; shift: its like, of the mean error;
-    held: the share of LEVEL ellipsoids that hold the truth."""
+    """Statistics of all draws of one case.
+
+    n_results, n_failures: draws with and without a pose; rms_error, reference and
+    reference_without_outlines: (mm, deg); worst_error_ratio: largest error of one draw over the
+    reference; outlier_share: draws with an error above MAX_SINGLE_RATIO times the reference, in mm
+    or deg; gaussian_outlier_share: the same of an efficient estimator; mean_nees: mean of NEES/6;
+    mean_error_nees: NEES/6 of the mean error; share_covered: share of the ellipsoids
+    (CONFIDENCE_LEVEL) that contain the truth.
+    """
 
     n_results: int
     n_failures: int
-    rms_error: tuple
-    reference: tuple
-    reference_without_outlines: tuple
+    rms_error: tuple[float, float]
+    reference: tuple[float, float]
+    reference_without_outlines: tuple[float, float]
     worst_error_ratio: float
     outlier_share: float
     gaussian_outlier_share: float
@@ -46,53 +53,56 @@ class DrawStatistics:
 def compute_draw_statistics(
     draws: list[DrawResult], reference: ndarray, reference_without_outlines: ndarray
 ) -> DrawStatistics:
-    """The Statistics of Draws, of which one at least has a result; reference,
-    reference_without_outlines: covariances (6, 6)."""
+    """Compute the statistics of draws, at least one of which has a result.
+
+    reference, reference_without_outlines: covariances (6, 6).
+    """
     good = [d for d in draws if d.error is not None]
     errors, covariances = (np.array([getattr(d, k) for d in good]) for k in ("error", "covariance"))
-    sizes, size, mean = (
-        _errors_mm_deg(errors),
-        normalized_squared_errors(errors, covariances),
-        errors.mean(0),
-    )
-    over = sizes / sigma_mm_deg(reference)
-    of_mean = covariances.mean(0) / len(good)
+    sizes, mean = _errors_mm_deg(errors), errors.mean(0)
+    nees = normalized_squared_errors(errors, covariances)
+    ratio = sizes / sigma_mm_deg(reference)
+    mean_covariance = covariances.mean(0) / len(good)
+    rms_mm, rms_deg = np.sqrt(np.mean(sizes**2, 0)).tolist()
     return DrawStatistics(
         n_results=len(good),
         n_failures=len(draws) - len(good),
-        rms_error=tuple(np.sqrt(np.mean(sizes**2, 0)).tolist()),
+        rms_error=(rms_mm, rms_deg),
         reference=sigma_mm_deg(reference),
         reference_without_outlines=sigma_mm_deg(reference_without_outlines),
-        worst_error_ratio=float(over.max()),
-        outlier_share=float(np.mean(over.max(1) > MAX_SINGLE_RATIO)),
+        worst_error_ratio=float(ratio.max()),
+        outlier_share=float(np.mean(ratio.max(1) > MAX_SINGLE_RATIO)),
         gaussian_outlier_share=expected_outlier_share(reference),
-        mean_nees=float(size.mean() / 6),
-        mean_error_nees=float(normalized_squared_errors(mean[None], of_mean[None])[0] / 6),
-        share_covered=float(np.mean(size < chi2.ppf(CONFIDENCE_LEVEL, 6))),
+        mean_nees=float(nees.mean() / 6),
+        mean_error_nees=float(normalized_squared_errors(mean[None], mean_covariance[None])[0] / 6),
+        share_covered=float(np.mean(nees < chi2.ppf(CONFIDENCE_LEVEL, 6))),
     )
 
 
 def compute_run_statistics(draws: list[DrawResult]) -> DrawStatistics:
-    """The Statistics of Draws of different recordings; the reference is σ as reported."""
-    known = [d.covariance for d in draws if d.covariance is not None]
-    mean = np.mean(known, axis=0) if known else np.full((6, 6), np.nan)
+    """Compute the statistics of different recordings; the reference is the mean reported σ."""
+    reported = [d.covariance for d in draws if d.covariance is not None]
+    mean = np.mean(reported, axis=0) if reported else np.full((6, 6), np.nan)
     return compute_draw_statistics(draws, mean, mean)
 
 
 def _errors_mm_deg(errors: ndarray) -> ndarray:
-    """(n, 2): mm, deg of errors (n, 6)."""
+    """Return the errors (n, 2), mm and deg, of twists (n, 6)."""
     shift, turn = (np.linalg.norm(errors[:, b], axis=1) for b in (np.s_[:3], np.s_[3:]))
     return np.column_stack([1e3 * shift, np.degrees(turn)])
 
 
 def normalized_squared_errors(errors: ndarray, covariances: ndarray) -> ndarray:
-    """Normalised squares (n,) of errors (n, k) by their covariances (n, k, k)."""
+    """Return the NEES (n,) of errors (n, k) with covariances (n, k, k)."""
     solved = np.linalg.solve(covariances, errors[..., None])[..., 0]
     return np.sum(errors * solved, -1)
 
 
 def expected_outlier_share(reference: ndarray) -> float:
-    """Share of draws above SINGLE times the reference, were they of that covariance (6, 6)."""
+    """Return the share of Gaussian errors above MAX_SINGLE_RATIO times the reference.
+
+    reference: covariance (6, 6) of the errors.
+    """
     rng = np.random.default_rng(0)
     drawn = rng.multivariate_normal(np.zeros(6), reference, N_TRIALS, method="cholesky")
     return float(
@@ -101,6 +111,7 @@ def expected_outlier_share(reference: ndarray) -> float:
 
 
 def compute_nees_band(n_draws: int, n_dof: int = 6) -> tuple[float, float]:
-    """LEVEL band of the mean over `count` draws of NEES/size, where σ is honest."""
+    """Return the band (CONFIDENCE_LEVEL) of the mean of NEES/n_dof over n_draws if σ is correct."""
     ends = chi2.ppf([(1 - CONFIDENCE_LEVEL) / 2, (1 + CONFIDENCE_LEVEL) / 2], n_dof * n_draws)
-    return tuple((ends / (n_dof * n_draws)).tolist())
+    low, high = (ends / (n_dof * n_draws)).tolist()
+    return low, high

@@ -1,4 +1,4 @@
-"""Errors against the truth, of one calibration and over several logs."""
+"""Errors of calibrations relative to the truth: of one, and RMS over several logs."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -17,33 +17,36 @@ from calib.geometry.se3 import invert_pose, rotation_angle, se3_log
 
 @dataclass(frozen=True)
 class CalibrationOutcome:
-    """One finished calibration: (mm, deg) of its error, of σ as reported and of the reference;
-    NEES/6 is 1 on average where the covariance is honest. reason: why there is no pose, or ""."""
+    """Accuracy of one finished calibration.
+
+    failure_reason: why there is no pose, else ""; error, sigma (as reported) and reference: (mm,
+    deg); nees_ratio: NEES/6, on average 1 if the covariance is correct; pixel_error_px: RMS error
+    of corners or contour points per axis at the true poses.
+    """
 
     failure_reason: str
-    error: tuple = (np.nan, np.nan)
-    sigma: tuple = (np.nan, np.nan)
+    error: tuple[float, float] = (np.nan, np.nan)
+    sigma: tuple[float, float] = (np.nan, np.nan)
     nees_ratio: float = np.nan
-    reference: tuple = (np.nan, np.nan)
-    pixel_error_px: float = (
-        np.nan
-    )  # error of a corner or contour point per axis at the truth, px, rms
+    reference: tuple[float, float] = (np.nan, np.nan)
+    pixel_error_px: float = np.nan
 
 
 class HasReference(Protocol):
-    """A line or statistics with the reference accuracy, (mm, deg)."""
+    """A table line or statistics with a reference accuracy."""
 
     @property
-    def reference(self) -> tuple[float, float]: ...
+    def reference(self) -> tuple[float, float]:
+        """The reference accuracy, (mm, deg)."""
 
 
 @dataclass(frozen=True)
 class AccuracyLine:
-    """One line of the table: a row, N and method over its logs.
+    """One printed line of the table: a row at one number of placements by one method.
 
-    error, sigma, reference: (mm, deg), root mean square over the logs; worst: the largest error
-    over its own log's reference, of mm and deg; pixels: as of an Outcome, mean; lost: reasons of
-    the logs without a pose.
+    error, sigma, reference: (mm, deg), RMS over the logs; mean_nees: mean of NEES/6;
+    worst_error_ratio: largest error of a log over its reference, in mm or deg; pixel_error_px: mean
+    over the logs; failure_reasons: of the logs without a pose.
     """
 
     row: AccuracyRow
@@ -60,19 +63,19 @@ class AccuracyLine:
 
 
 def compute_pose_error(T_true: np.ndarray, T_found: np.ndarray) -> tuple[float, float]:
-    """(mm, deg): the norm of the difference in translation, the geodesic angle in rotation."""
+    """Return (mm, deg): norm of the translation error and geodesic angle of the rotation error."""
     shift = np.linalg.norm(T_found[:3, 3] - T_true[:3, 3])
     return 1e3 * float(shift), float(np.degrees(rotation_angle(invert_pose(T_true) @ T_found)))
 
 
 def sigma_mm_deg(covariance: ndarray) -> tuple[float, float]:
-    """(mm, deg) of a covariance (6, 6): square roots of the traces of its two blocks."""
+    """Return (mm, deg) of a covariance (6, 6): square roots of the traces of its two blocks."""
     shift, turn = (np.sqrt(np.trace(covariance[b, b])) for b in (np.s_[:3], np.s_[3:]))
     return 1e3 * float(shift), float(np.degrees(turn))
 
 
 def compute_nees(T_true: ndarray, T_found: ndarray, covariance: ndarray) -> float:
-    """Normalised estimation error squared over its six degrees of freedom."""
+    """Return the normalised estimation error squared (NEES) over its six degrees of freedom."""
     xi = se3_log(invert_pose(T_found) @ T_true)
     return float(xi @ np.linalg.solve(covariance, xi)) / 6
 
@@ -83,29 +86,44 @@ def evaluate_sensor_result(
     reference: tuple[float, float],
     pixel_error_px: float,
 ) -> CalibrationOutcome:
-    """The Outcome of one sensor of calibration.json; reference: (mm, deg) of the data."""
+    """Compare one sensor of calibration.json with its true pose.
+
+    reference: reference accuracy of its data, (mm, deg).
+    """
     if sensor_result["T_robot_sensor"] is None:
         return CalibrationOutcome(sensor_result["status"]["reason"])
     T = np.array(sensor_result["T_robot_sensor"]["matrix"])
     covariance = np.array(sensor_result["covariance"])
-    found = (
-        compute_pose_error(T_true, T),
-        sigma_mm_deg(covariance),
-        compute_nees(T_true, T, covariance),
+    return CalibrationOutcome(
+        failure_reason="",
+        error=compute_pose_error(T_true, T),
+        sigma=sigma_mm_deg(covariance),
+        nees_ratio=compute_nees(T_true, T, covariance),
+        reference=reference,
+        pixel_error_px=pixel_error_px,
     )
-    return CalibrationOutcome("", *found, reference, pixel_error_px)
 
 
 def summarize_logs(
     row: AccuracyRow, n_placements: int, method: str, outcomes: list[CalibrationOutcome]
 ) -> AccuracyLine:
-    """The Line over the Outcomes of one row, N and method."""
+    """Combine the outcomes of all logs of one row, number of placements and method."""
     good = [o for o in outcomes if not o.failure_reason]
-    lost = tuple(o.failure_reason for o in outcomes if o.failure_reason)
+    failure_reasons = tuple(o.failure_reason for o in outcomes if o.failure_reason)
     if not good:
         none = (np.nan, np.nan)
         return AccuracyLine(
-            row, n_placements, method, 0, none, none, none, np.nan, np.nan, np.nan, lost
+            row=row,
+            n_placements=n_placements,
+            method=method,
+            n_logs=0,
+            error=none,
+            sigma=none,
+            reference=none,
+            mean_nees=np.nan,
+            worst_error_ratio=np.nan,
+            pixel_error_px=np.nan,
+            failure_reasons=failure_reasons,
         )
     rms = {k: _rms([getattr(o, k) for o in good]) for k in ("error", "sigma", "reference")}
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -119,13 +137,11 @@ def summarize_logs(
         mean_nees=float(np.mean([o.nees_ratio for o in good])),
         worst_error_ratio=worst,
         pixel_error_px=float(np.mean([o.pixel_error_px for o in good])),
-        failure_reasons=lost,
+        failure_reasons=failure_reasons,
     )
 
 
-def _rms(
-    pairs: list[tuple[float, int] | tuple[float, float] | tuple[int, int]],
-) -> tuple[float, float]:
+def _rms(pairs: list[tuple[float, float]]) -> tuple[float, float]:
     first, second = np.sqrt(np.mean(np.square(pairs), axis=0)).tolist()
     return first, second
 
@@ -133,7 +149,7 @@ def _rms(
 def find_accuracy_goal(
     row: AccuracyRow, n_placements: int, statistics: HasReference
 ) -> tuple[float, float]:
-    """(mm, deg) that a row is held to at N: its own, or a multiple of the reference found."""
+    """Return the goal (mm, deg) of a row: its own, or MAX_RMS_RATIO times the reference."""
     if row.goals:
         return row.goals[n_placements]
     mm, deg = statistics.reference
@@ -141,15 +157,18 @@ def find_accuracy_goal(
 
 
 def summarize_outcomes(outcomes: dict[AccuracyCase, CalibrationOutcome]) -> list[AccuracyLine]:
-    """The Lines of {case: Outcome}, in the order of the cases."""
+    """Return the lines of the table from the outcomes by case, in the order of the rows."""
     grouped: dict[tuple[str, int, str], list[AccuracyCase]] = {}
     for case in sorted(outcomes, key=_case_order):
         grouped.setdefault((case.row.key, case.n_placements, case.method), []).append(case)
     return [
         summarize_logs(
-            found[0].row, found[0].n_placements, found[0].method, [outcomes[case] for case in found]
+            cases[0].row,
+            n_placements=cases[0].n_placements,
+            method=cases[0].method,
+            outcomes=[outcomes[case] for case in cases],
         )
-        for found in grouped.values()
+        for cases in grouped.values()
     ]
 
 

@@ -1,18 +1,19 @@
-"""What sensors see of targets, exactly, as keypoints without scans, images or extraction.
+"""Exact keypoints of a simulated session, without scans, images or extraction.
 
-Rooms, rigs and placements are the simulator's; measurements are thinned so that an estimate takes
-a few hundredths of a second. A sight is the columns of one sensor, target and placement.
+Rooms, rigs and placements are the simulator's. Measurements are thinned so that an estimate takes
+a few hundredths of a second.
 """
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy import float64, ndarray
 
 from calib.geometry.se3 import invert_pose, transform_points
 from calib.sensors.camera.camera_model import CameraModel
-from calib.sensors.sensor_models import sensor_model_from_config
+from calib.sensors.lidar.lidar_model import LidarModel
+from calib.sensors.sensor_models import camera_from_config
 from calib.targets.board import Board
 from calib.targets.cylinder import Cylinder
 from simulation.session_recording import SessionTruth
@@ -26,16 +27,39 @@ MIN_COS_INCIDENCE = 0.35  # cosine of incidence
 KEYPOINT_SIGMA_PX = {"pattern_corner": 0.01, "cylinder_limb": 0.05}
 
 
+class Observer(Protocol):
+    """The exact measurements by one kind of sensor."""
+
+    def __call__(
+        self,
+        session: SessionTruth,
+        *,
+        sensor_name: str,
+        sensor_block: dict[str, Any],
+        target_name: str,
+        shape: Cylinder | Board,
+        placement_index: int,
+    ) -> Iterator[dict[str, ndarray]]:
+        """Yield the keypoint columns of a sensor that sees a target in one placement.
+
+        sensor_block: of the rig's config; placement_index: of the session, from 0.
+        """
+
+
 def observe_with_lidar(
     session: SessionTruth,
+    *,
     sensor_name: str,
     sensor_block: dict[str, Any],
     target_name: str,
     shape: Cylinder | Board,
     placement_index: int,
 ) -> Iterator[dict[str, ndarray]]:
-    """Sights by a lidar of a target_name (its name and shape) at rest placement_index: returns, crossings."""
-    spec, model = session.rig.lidar_spec(sensor_name), sensor_model_from_config(sensor_block)
+    """Yield the returns from the surface of a target, then the crossings of its outline.
+
+    Yields nothing if fewer than MIN_RETURNS beams meet the target.
+    """
+    spec, model = session.rig.lidar_spec(sensor_name), LidarModel.from_config(sensor_block)
     T_world_lidar = (
         session.placement_poses["robot"][placement_index] @ session.rig.T_robot_sensor[sensor_name]
     )
@@ -63,8 +87,10 @@ def observe_with_lidar(
 def select_target_beams(
     session: SessionTruth, target: str, T_world_lidar: ndarray, beams: ndarray, placement_index: int
 ) -> tuple[ndarray, ndarray]:
-    """Indices of the beams (n, 3) that meet a target at rest k, a cylinder on its side; and the
-    distance (n,) of all."""
+    """Return the indices of the beams that meet a target, and the distances (n,) of all beams, m.
+
+    beams: unit vectors (n, 3), lidar frame. Beams that meet the caps of a cylinder do not count.
+    """
     number = find_surface_index(session.scene, target)
     surfaces = place_surfaces({target: session.placement_poses[target][placement_index]})
     distance, label = cast_rays(PosedScene(session.scene, surfaces, T_world_lidar), beams, [number])
@@ -77,7 +103,7 @@ def select_target_beams(
 def _to_target_frame(
     T_sensor_target: ndarray, points: ndarray, beams: ndarray
 ) -> tuple[ndarray, ndarray]:
-    """Points and beams (3, n) in the target's frame."""
+    """Return points and beams (n, 3) of the sensor frame as (3, n) in the target frame."""
     T = invert_pose(T_sensor_target)
     return transform_points(T, points).T, (beams @ T[:3, :3].T).T
 
@@ -85,8 +111,10 @@ def _to_target_frame(
 def exact_outline_crossings(
     edges: ndarray, T_sensor_target: ndarray, elevation_rad: ndarray
 ) -> tuple[ndarray, ndarray]:
-    """Rays (n, 3), lidar frame, at which rings at those elevations, rad, cross edges (e, 2, 3), and
-    the number of the ring of each."""
+    """Return the rays (n, 3), lidar frame, at which rings cross edges, and the ring of each (n,).
+
+    edges: (e, 2, 3), target frame, m; elevation_rad: of the rings, (r,).
+    """
     share = np.linspace(0, 1, N_SAMPLES_PER_EDGE)[:, None]
     rays, rings = [np.zeros((0, 3))], [np.zeros(0, int)]
     for a, b in edges:
@@ -103,14 +131,18 @@ def exact_outline_crossings(
 
 def observe_with_camera(
     session: SessionTruth,
+    *,
     sensor_name: str,
     sensor_block: dict[str, Any],
     target_name: str,
     shape: Cylinder | Board,
     placement_index: int,
 ) -> Iterator[dict[str, ndarray]]:
-    """Sights by a camera: corners of a pattern, or the sides of a cylinder."""
-    model = sensor_model_from_config(sensor_block)
+    """Yield the corners of a pattern or the contour points of a cylinder.
+
+    Yields nothing if the target is not wholly in the image.
+    """
+    model = camera_from_config(sensor_block)
     T_world_camera = (
         session.placement_poses["robot"][placement_index] @ session.rig.T_robot_sensor[sensor_name]
     )
@@ -142,8 +174,10 @@ def _project_into_image(model: CameraModel, points: ndarray) -> ndarray | None:
 
 
 def exact_cylinder_limb(shape: Cylinder, T_camera_target: ndarray) -> tuple[ndarray, ndarray]:
-    """Points (n, 3), camera frame, m, along the two lines where rays touch a cylinder's side, and
-    the side of the axis, +1 or -1, that each is on."""
+    """Return points (n, 3) where rays touch a cylinder, camera frame, m, and their sides (n,).
+
+    The points lie along the two lines of contact; a side is +1 or -1, as seen from the axis.
+    """
     eye = invert_pose(T_camera_target)[:3, 3]
     half = np.arccos(shape.radius / np.hypot(eye[1], eye[2]))
     angles = np.arctan2(eye[2], eye[1]) + np.array([-half, half])
@@ -159,11 +193,12 @@ def _keypoint_columns(
     kind: str,
     index: ndarray,
     sigma: float | float64,
+    *,
     xyz: ndarray | None = None,
     uv: ndarray | None = None,
     whitening: float | list[float] = np.nan,
 ) -> dict[str, ndarray]:
-    """Columns of a sight that do not depend on whose it is."""
+    """Return the keypoint columns that do not depend on the sensor, target or view."""
     n = len(index)
     return {
         "kind": np.full(n, kind, dtype="U32"),
@@ -175,4 +210,4 @@ def _keypoint_columns(
     }
 
 
-OBSERVERS = {"lidar": observe_with_lidar, "camera": observe_with_camera}
+OBSERVERS: dict[str, Observer] = {"lidar": observe_with_lidar, "camera": observe_with_camera}

@@ -1,4 +1,4 @@
-"""What is simulated for a choice of cases, and the config that calibrates all of it in one run."""
+"""The logs to simulate for the cases of the benchmark, and the configs that calibrate them."""
 
 from collections import Counter
 from typing import Any
@@ -12,26 +12,25 @@ from benchmarking.accuracy.accuracy_cases import (
     AccuracyCase,
 )
 
-SPEED_FOLDER = "speed"  # folder of the logs of the row on speed
-SPEED_RIG = "demo"  # of simulate.py, with the noise of a laboratory
-SPEED_SENSORS = ("front_lidar", "rear_lidar", "left_camera")  # those in use
+SPEED_FOLDER = "speed"  # folder of the logs of the speed measurement
+SPEED_RIG = "demo"  # rig of simulate.py, with the noise of a laboratory
+SPEED_SENSORS = ("front_lidar", "rear_lidar", "left_camera")  # sensors in use
 
 
 def simulated_log_name(log_kind: str, n_placements: int, seed: int) -> str:
-    """Folder of a simulated log."""
+    """Return the folder name of a simulated log."""
     return f"{log_kind}-n{n_placements}-s{seed}"
 
 
 def full_run_names(n_runs: int) -> list[str]:
-    """Folders of the logs that run through the whole pipeline, and names of their sessions."""
+    """Return the folder names of the logs for full runs, which are also their session names."""
     return [f"full-s{seed}" for seed in range(1, 1 + n_runs)]
 
 
 def plan_simulations(
     cases: list[AccuracyCase], speed_placements: int, n_full_runs: int
 ) -> dict[str, list[str]]:
-    """{folder: arguments of simulate.py}, the longest first, of the cases, of the speed row and of
-    the full runs."""
+    """Return the arguments of simulate.py by folder: speed, cases (longest first), full runs."""
     logs = sorted({case.log_key for case in cases}, key=lambda log: (-log[1], log[0], log[2]))
     speed = f"--rig {SPEED_RIG} --seed 1 --placements {speed_placements} {GUESS_ARGUMENTS}"
     commands = {SPEED_FOLDER: speed}
@@ -44,7 +43,7 @@ def plan_simulations(
 
 
 def case_session_config(case: AccuracyCase, log: str) -> dict[str, str | list[str]]:
-    """The session of a case, of the config.yaml of the run."""
+    """Return the session of a case for config.yaml."""
     return {
         "rig": case.case_name,
         "log": log,
@@ -57,13 +56,13 @@ def case_rig_config(
     case: AccuracyCase,
     rig_config: dict[str, Any],
 ) -> dict[str, Any]:
-    """The rig of a case: the simulated one with only the sensor of its row."""
+    """Return the rig of a case: the simulated rig with only the sensor of its row."""
     sensors = {case.row.sensor: rig_config["sensors"][case.row.sensor]}
     return {"body": rig_config["body"], "mocap": rig_config["mocap"], "sensors": sensors}
 
 
 def remove_truth(rig_config: dict[str, Any]) -> dict[str, Any]:
-    """A simulated rig without a word of the truth."""
+    """Return a simulated rig config without the truth."""
     return {key: value for key, value in rig_config.items() if key != "truth"}
 
 
@@ -71,33 +70,33 @@ def case_target_config(
     case: AccuracyCase,
     target_config: dict[str, Any],
 ) -> dict[str, Any]:
-    """The target of a case: the simulated one, compared by the method of the case."""
-    chosen: dict[str, Any] = METHOD_CONFIGS[case.method] if case.method != DEFAULT_METHOD else {}
-    return target_config | chosen
+    """Return the target of a case: the simulated target with the method of the case."""
+    method_config = METHOD_CONFIGS[case.method] if case.method != DEFAULT_METHOD else {}
+    return target_config | method_config
 
 
 def case_folder(case: AccuracyCase) -> str:
-    """Working directory of a case below that of the run: all of it has one block `crop`."""
+    """Return the working directory of a case, relative to the run; one per block `crop`."""
     return case.method.split(",")[0]
 
 
 def crop_block(folder_name: str) -> dict[str, Any]:
-    """Block `crop` of a working directory: the paper's methods take one scan of a placement."""
+    """Return block `crop` of a working directory: the paper's methods use one scan a placement."""
     return {} if folder_name == DEFAULT_METHOD else {"max_frames": 1}
 
 
 def calibration_paths(cases: list[AccuracyCase]) -> list[str]:
-    """The files to ask Snakemake for."""
+    """Return the calibration.json files that Snakemake has to make."""
     return [f"results/{case.case_name}/calibration.json" for case in cases]
 
 
 def speed_rig_config(rig_config: dict[str, Any]) -> dict[str, Any]:
-    """The rig of the row on speed: the simulated one with only SPEED_SENSORS."""
+    """Return the rig of the speed measurement: the simulated rig with only SPEED_SENSORS."""
     return rig_config | {"sensors": {name: rig_config["sensors"][name] for name in SPEED_SENSORS}}
 
 
 def describe_run(solution: dict[str, Any], size_bytes: int) -> str:
-    """Sensors, placements and size, bytes, of the logs of a solution.json in words."""
+    """Describe sensors, placements and log size of a solution.json in words."""
     sensors = solution["sensors"].values()
     kinds = Counter(sensor["kind"] for sensor in sensors)
     names = " + ".join(

@@ -66,7 +66,7 @@ def _register_channels(writer: Writer) -> dict[str, int]:
     return out
 
 
-def _generate_messages() -> Iterator[tuple[int, str, bytearray]]:
+def _generate_messages() -> Iterator[tuple[int, str, bytes]]:
     """(log time, ns, topic, bytes) without an end, by log time."""
     rng = np.random.default_rng(0)
     make = {"lidar": _make_cloud_bytes, "camera": _make_image_bytes}
@@ -79,7 +79,7 @@ def _generate_messages() -> Iterator[tuple[int, str, bytearray]]:
     while True:
         t = LARGE_LOG_START_NS + tick * (NS_PER_S // MCS_HZ)
         poses = {b: T @ se3_exp(rng.normal(0, 1e-3, 6)) for b, T in poses.items()}
-        yield t, "/tf", _serialize_message(make_tf_message(t, MAP_FRAME, poses))
+        yield t, "/tf", bytes(_serialize_message(make_tf_message(t, MAP_FRAME, poses)))
         turn, between = divmod(tick, MCS_HZ // SENSOR_HZ)
         if between == 0:
             for topic, pool in pools.items():
@@ -87,7 +87,7 @@ def _generate_messages() -> Iterator[tuple[int, str, bytearray]]:
                 struct.pack_into(
                     "<iI", data, STAMP_BYTE_OFFSET, stamp // NS_PER_S, stamp % NS_PER_S
                 )
-                yield t, topic, data
+                yield t, topic, bytes(data)
         tick += 1
 
 
@@ -95,7 +95,7 @@ def _serialize_message(message: Any) -> bytearray:
     return bytearray(ros_messages.ROS2_TYPES.serialize_cdr(message, message.__msgtype__))
 
 
-def _make_cloud_bytes(rng: np.random.Generator, frame: str) -> bytes:
+def _make_cloud_bytes(rng: np.random.Generator, frame: str) -> bytearray:
     """PointCloud2 of a turn in a square room."""
     azimuth = np.linspace(-np.pi, np.pi, N_COLUMNS, endpoint=False)[:, None]
     elevation = np.radians(np.linspace(-15, 15, N_BEAMS))
@@ -111,7 +111,7 @@ def _make_cloud_bytes(rng: np.random.Generator, frame: str) -> bytes:
     return _serialize_message(make_cloud_message(LARGE_LOG_START_NS, frame, "velodyne", echoes))
 
 
-def _make_image_bytes(rng: np.random.Generator, frame: str) -> bytes:
+def _make_image_bytes(rng: np.random.Generator, frame: str) -> bytearray:
     """Image of grey waves with a sensor's noise."""
     u, v = np.meshgrid(*map(np.arange, IMAGE_SIZE_PX))
     grey = 128 + 100 * np.sin(u / 90) * np.cos(v / 70) + rng.normal(0, 1.8, u.shape)

@@ -154,8 +154,13 @@ def knock_cylinder_markers(rows):
 
 def send_in_bursts(rows):
     """Stamps by a computer that gets every tenth lot of five messages at once."""
-    return change_pose_stamps(lambda t, i: t + (4 - i % 5) * 10 * NS_PER_MS - (4 - i % 5) * NS_PER_MS // 2 * 1
-                  if i // 5 % 10 == 0 else t)(rows)  # fmt: skip
+
+    def change_stamp(t, number):
+        n_later = 4 - number % 5  # messages of the lot that are still to come
+        is_burst = number // 5 % 10 == 0
+        return t + n_later * 10 * NS_PER_MS - n_later * NS_PER_MS // 2 if is_burst else t
+
+    return change_pose_stamps(change_stamp)(rows)
 
 
 def rename_body(old_name, new_name):
@@ -172,109 +177,146 @@ def change_map_frame(item, number):
 MOCAP_FAULTS = {
     "zeros": FaultCase(
         "a board that is occluded for 0.3 s again and again is sent at the origin",
-        "× zeros", damage_transforms(zero_pose, BOARD_BODY, make_time_filter(0.4, 0.3)),
+        "× zeros",
+        damage_transforms(zero_pose, BOARD_BODY, make_time_filter(0.4, 0.3)),
     ),
     "frozen": FaultCase(
         "the robot is lost for 0.4 s again and again, its last pose is sent meanwhile",
-        "× frozen", freeze_poses(ROBOT_BODY, make_time_filter(0.9, 0.4)),
+        "× frozen",
+        freeze_poses(ROBOT_BODY, make_time_filter(0.9, 0.4)),
     ),
     "frozen_to_end": FaultCase(
         "the board is lost for good in a move, its last pose is sent to the end",
-        "× frozen", freeze_poses(BOARD_BODY, lambda t: t > 12.8),
+        "× frozen",
+        freeze_poses(BOARD_BODY, lambda t: t > 12.8),
     ),
     "nan": FaultCase(
-        "NaN where the board is not seen", "× not a number",
+        "NaN where the board is not seen",
+        "× not a number",
         damage_transforms(set_nan_position, BOARD_BODY, make_time_filter(0.4, 0.3)),
     ),
     "not_unit": FaultCase(
         "quaternions of the robot that are 20 % too long for 0.3 s again and again",
-        "× quaternion not unit", damage_transforms(lengthen_quaternion, ROBOT_BODY, make_time_filter(0.4, 0.3)),
+        "× quaternion not unit",
+        damage_transforms(lengthen_quaternion, ROBOT_BODY, make_time_filter(0.4, 0.3)),
     ),
     "wxyz": FaultCase(
-        "quaternions as wxyz throughout", "quaternions", damage_transforms(reorder_to_wxyz),
+        "quaternions as wxyz throughout",
+        "quaternions",
+        damage_transforms(reorder_to_wxyz),
     ),
     "spikes": FaultCase(
-        "every fortieth pose of the board is 0.5 m off", "× jump", damage_transforms(add_position_spike, BOARD_BODY),
+        "every fortieth pose of the board is 0.5 m off",
+        "× jump",
+        damage_transforms(add_position_spike, BOARD_BODY),
     ),
     "turned_over": FaultCase(
         "markers of the board are taken for each other for 0.3 s again and again: it turns over",
-        "× jump", damage_transforms(turn_over_board, BOARD_BODY, make_time_filter(0.4, 0.3)),
+        "× jump",
+        damage_transforms(turn_over_board, BOARD_BODY, make_time_filter(0.4, 0.3)),
     ),
     "names_swapped": FaultCase(
         "board and cylinder swap their names for 0.3 s again and again",
-        "× names swapped", swap_body_names(make_time_filter(0.4, 0.3)),
+        "× names swapped",
+        swap_body_names(make_time_filter(0.4, 0.3)),
     ),
     "names_exchanged": FaultCase(
-        "board and cylinder have each other's name throughout", "its body", swap_body_names(lambda t: True),
+        "board and cylinder have each other's name throughout",
+        "its body",
+        swap_body_names(lambda t: True),
     ),
     "gaps": FaultCase(
-        "no motion capture for 0.2 s again and again", "gaps", drop_poses(None, make_time_filter(0.4, 0.2)),
+        "no motion capture for 0.2 s again and again",
+        "gaps",
+        drop_poses(None, make_time_filter(0.4, 0.2)),
     ),
     "third_lost": FaultCase("every third message is lost, at random", "gaps", drop_random_third),
     "robot_lost": FaultCase(
-        "the robot is not seen in the last quarter of the log", "gap",
+        "the robot is not seen in the last quarter of the log",
+        "gap",
         drop_poses(ROBOT_BODY, lambda t: t > 13.0),
     ),
     "stamps_repeated": FaultCase(
-        "every second message has the stamp of the one before", "× stamp not increasing",
+        "every second message has the stamp of the one before",
+        "× stamp not increasing",
         change_pose_stamps(lambda t, i: t - i % 2 * 10 * NS_PER_MS),
     ),
     "stamps_backward": FaultCase(
-        "every twentieth stamp is 35 ms early", "× stamp not increasing",
+        "every twentieth stamp is 35 ms early",
+        "× stamp not increasing",
         change_pose_stamps(lambda t, i: t - 35 * NS_PER_MS if i % 20 == 7 else t),
     ),
     "stamp_ahead": FaultCase(
-        "one stamp is 100 s ahead", "× stamp not increasing",
+        "one stamp is 100 s ahead",
+        "× stamp not increasing",
         change_pose_stamps(lambda t, i: t + 100 * NS_PER_S if i == 300 else t),
     ),
     "bursts": FaultCase(
         "messages wait for each other: of every tenth lot of five, stamps 0.5 ms apart",
-        "× stamp in a burst", send_in_bursts,
+        "× stamp in a burst",
+        send_in_bursts,
     ),
     "no_stamps": FaultCase(
-        "no stamps: log times are used, 4 to 6 ms late", "log time: most messages have no stamp",
+        "no stamps: log times are used, 4 to 6 ms late",
+        "log time: most messages have no stamp",
         change_pose_stamps(lambda t, i: 0),
     ),
     "stamps_stand_still": FaultCase(
-        "one stamp for all", "log time: most stamps do not increase",
+        "one stamp for all",
+        "log time: most stamps do not increase",
         change_pose_stamps(lambda t, i: SIMULATION_START_NS),
     ),
     "another_clock": FaultCase(
-        "stamps of a clock that is an hour behind the log's", "shifted by",
+        "stamps of a clock that is an hour behind the log's",
+        "shifted by",
         change_pose_stamps(lambda t, i: t - 3600 * NS_PER_S),
     ),
     "late_clock": FaultCase(
-        "stamps that are 25 ms late", "time offset", simulate_arguments="--mcs-late-s 0.025",
+        "stamps that are 25 ms late",
+        "time offset",
+        simulate_arguments="--mcs-late-s 0.025",
         note="Found to 0.6 ms; other frames fall into the rests, and their draw is what is left",
     ),
     "drifting_clock": FaultCase(
-        "a clock that runs 500 ppm fast", "clock drift", simulate_arguments="--mcs-drift-ppm 500",
+        "a clock that runs 500 ppm fast",
+        "clock drift",
+        simulate_arguments="--mcs-drift-ppm 500",
     ),
     "board_late": FaultCase(
         "the board comes by a topic of its own, whose stamps are 12 ms late",
-        "board: stamps -12", publish_separately(BOARD_BODY, "/tf_board", 12 * NS_PER_MS),
-        change_config=lambda session, rig, targets: rig["mocap"].update(topics=["/tf", "/tf_board"]),
+        "board: stamps -12",
+        publish_separately(BOARD_BODY, "/tf_board", 12 * NS_PER_MS),
+        change_config=lambda session, rig, targets: rig["mocap"].update(
+            topics=["/tf", "/tf_board"]
+        ),
     ),
-    "millimetres": FaultCase("positions in millimetres", "millimetres", damage_transforms(scale_to_millimetres)),
+    "millimetres": FaultCase(
+        "positions in millimetres", "millimetres", damage_transforms(scale_to_millimetres)
+    ),
     "y_up": FaultCase("a map whose y axis points up", "", damage_transforms(rotate_map_y_up)),
     "body_missing": FaultCase(
-        "the cylinder was not tracked", "MCS body mocap/cylinder is not in the log",
+        "the cylinder was not tracked",
+        "MCS body mocap/cylinder is not in the log",
         drop_poses(CYLINDER_BODY),
     ),
     "robot_renamed": FaultCase(
-        "the robot has another name than in the rig", "MCS body mocap/robot is not in the log",
+        "the robot has another name than in the rig",
+        "MCS body mocap/robot is not in the log",
         rename_body("robot", "robot_1"),
     ),
     "no_mocap": FaultCase(
-        "no motion capture in the log", "is not in the log",
+        "no motion capture in the log",
+        "is not in the log",
         drop_rows(lambda row, i: row[1] == TF_TOPIC),
     ),
     "another_map": FaultCase(
-        "poses in another frame than the rig's map", "has no transform to",
+        "poses in another frame than the rig's map",
+        "has no transform to",
         damage_transforms(change_map_frame),
     ),
     "target_knocked": FaultCase(
         "markers of the cylinder are knocked by 22 mm half-way",
-        "cylinder is shifted in its MCS body from its placement 5", knock_cylinder_markers,
+        "cylinder is shifted in its MCS body from its placement 5",
+        knock_cylinder_markers,
     ),
-}  # fmt: skip
+}
