@@ -12,7 +12,12 @@ from calib.estimation.problem_assembly import SessionKeypoints, best_time_offset
 from calib.geometry.units import NS_PER_S
 from calib.io.parquet_tables import select_rows
 from calib.io.pose_block import pose_sigma_from_config
-from calib.mocap.body_trajectory import Trajectory, find_separate_streams, target_trajectories
+from calib.mocap.body_trajectory import (
+    SeparateTrajectories,
+    Trajectory,
+    find_separate_streams,
+    target_trajectories,
+)
 from calib.mocap.moving_pose_fit import MovingView, fit_local_motion
 from calib.views.pose_selection import space_evenly
 
@@ -45,7 +50,7 @@ class TargetPath:
     target: str
     T_body_target: np.ndarray
     trajectory: Trajectory
-    separate_trajectories: tuple[Trajectory, Trajectory] | None = None
+    separate_trajectories: SeparateTrajectories | None = None
 
 
 def make_moving_placement(

@@ -130,7 +130,7 @@ def format_worked_point(frame: str, parent: str, T_parent_frame: np.ndarray) -> 
 
 def format_worked_pixel(frame: str, camera: CameraModel) -> str:
     """Describe one point of a camera's frame and its pixel."""
-    uv, is_valid = camera.project(WORKED_CAMERA_POINT)
+    uv, is_valid = camera.project(np.array(WORKED_CAMERA_POINT))
     point = ", ".join(f"{v:g}" for v in WORKED_CAMERA_POINT)
     if not is_valid[0]:
         return f"the point ({point}) of {frame} is outside what the lens sees"

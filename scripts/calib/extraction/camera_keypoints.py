@@ -117,6 +117,7 @@ def extract_color_contour(
     Only its straight sides are used, except for targets that are compared by points.
     """
     target = context.targets[views["target"][i]]
+    assert target.color is not None  # cameras find targets without a pattern by their colour
     T_camera_target = context.predict_target_pose(int(views["placement"][i]), T_robot_sensor)
     offset = np.array([views["u0"][i], views["v0"][i]])
     silhouette, status = find_cylinder_silhouette(
@@ -127,7 +128,7 @@ def extract_color_contour(
         target=target,
         T_camera_target=T_camera_target,
     )
-    if not status.ok:
+    if silhouette is None:
         return ViewKeypoints(None, status)
     edges, sides = silhouette.edges, np.flatnonzero(silhouette.side)
     if not target.uses_exact_surface:

@@ -23,6 +23,7 @@ from calib.io.status import OK, Status, failure_status
 from calib.io.table_schemas import KEYPOINTS_SCHEMA
 from calib.sensors.lidar.scan_line_crossings import find_outline_crossings
 from calib.sensors.lidar.target_search import find_target_in_scan
+from calib.targets.board import Board
 from calib.targets.target_shapes import ExactSurface
 from calib.views.field_of_view import check_lidar_visibility
 from calib.views.target_placements import Columns
@@ -254,8 +255,10 @@ def _make_crossing_columns(
     context: ExtractionContext, views: Columns, i: int, T_sensor_target: np.ndarray
 ) -> Columns:
     """Return the rays at which scan lines cross the outline, as keypoints."""
+    target = context.targets[views["target"][i]]
+    assert isinstance(target, Board)  # only boards have outline edges
     rays, rings = find_outline_crossings(
-        context.targets[views["target"][i]],
+        target,
         T_sensor_target,
         view_points(views, i),
         np.asarray(views["ring"][i]),

@@ -65,7 +65,9 @@ def find_camera_from_blobs(
     blobs: list[BlobView] = []
     colored = [sample for sample in samples if targets[sample.target].color]
     for sample, image in read_samples(colored, read_frame):
-        features = read_blob(targets[sample.target].color, image)
+        color = targets[sample.target].color
+        assert color is not None  # `colored` has no others
+        features = read_blob(color, image)
         blobs += [] if features is None else [BlobView(sample, features)]
         if len(blobs) >= options["max_pattern_images"]:
             break
@@ -82,7 +84,7 @@ def find_camera_from_blobs(
     return PoseGuess(fit.T_robot_camera, np.maximum(fit.sigma, min_pose_sigma(options)), basis)
 
 
-def read_blob(color: Color | None, image: np.ndarray) -> np.ndarray | None:
+def read_blob(color: Color, image: np.ndarray) -> np.ndarray | None:
     """Return the features (5,) of the largest blob of a colour in an image (h, w, 3).
 
     None if there is none, it is too small, or it reaches the border of the image.

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from calib.geometry.se3 import se3_exp, transform_points
-from calib.initial_guess.lidar_candidates import Candidate, ShapeSignature
+from calib.initial_guess.lidar_candidates import ShapeSignature, TargetCandidate
 from calib.initial_guess.pose_voting import PoseTolerance
 
 MIN_MATCH_SCATTER = PoseTolerance(0.005, np.radians(0.3))  # σ of centre and direction
@@ -59,7 +59,10 @@ class MatchFit(NamedTuple):
 
 
 def make_match(
-    candidate: Candidate, signature: ShapeSignature, T_robot_target: np.ndarray, placement: int
+    candidate: TargetCandidate,
+    signature: ShapeSignature,
+    T_robot_target: np.ndarray,
+    placement: int,
 ) -> CandidateMatch:
     """Match a candidate with the target of a placement at T_robot_target (4, 4)."""
     return CandidateMatch(

@@ -136,8 +136,9 @@ def _mean_difference(a: np.ndarray, b: np.ndarray) -> float:
 
 def measure_motion(trajectory: Trajectory, times_ns: np.ndarray) -> np.ndarray:
     """Return the motion (...) between times_ns (..., 2): m plus rad; NaN in gaps."""
-    T, is_known = trajectory.poses_at(times_ns.reshape(-1))
-    T, is_known = T.reshape(*times_ns.shape, 4, 4), is_known.reshape(times_ns.shape).all(-1)
+    poses, has_pose = trajectory.poses_at(times_ns.reshape(-1))
+    T = poses.reshape(*times_ns.shape, 4, 4)
+    is_known = np.all(has_pose.reshape(times_ns.shape), axis=-1)
     shift = np.linalg.norm(T[..., 1, :3, 3] - T[..., 0, :3, 3], axis=-1)
     turn = np.swapaxes(T[..., 0, :3, :3], -1, -2) @ T[..., 1, :3, :3]
     angle = np.arccos(np.clip((np.trace(turn, axis1=-2, axis2=-1) - 1) / 2, -1, 1))

@@ -66,7 +66,7 @@ class PrincipalAxes(NamedTuple):
     vectors: np.ndarray
 
 
-class Candidate(NamedTuple):
+class TargetCandidate(NamedTuple):
     """Centre (3,), m, and direction (3,) of what may be a target, lidar frame."""
 
     centre: np.ndarray
@@ -133,7 +133,7 @@ def find_candidates(
     signature: ShapeSignature,
     points: np.ndarray,
     options: dict[str, Any],
-) -> list[Candidate]:
+) -> list[TargetCandidate]:
     """Return what may be the target in thinned points (n, 3). options: block `guess`."""
     rng = np.random.default_rng(options["seed"])
     candidates = []
@@ -165,7 +165,7 @@ def fit_candidate(
         best = points[rows] if len(rows) > len(best) else best
     if len(best) < MIN_CANDIDATE_RETURNS:
         return points[:0]
-    gap = MAX_GAP_STEPS * max(angular_steps(lidar)) * np.linalg.norm(best.mean(0))
+    gap = float(MAX_GAP_STEPS * max(angular_steps(lidar)) * np.linalg.norm(best.mean(0)))
     label = cluster_points(best, gap)
     best = best[label == np.bincount(label).argmax()]
     return best if len(best) >= MIN_CANDIDATE_RETURNS else points[:0]
@@ -197,7 +197,7 @@ def matches_target(
     """Return whether inliers (n, 3) have the target's size and expected number of returns."""
     centre = inliers.mean(0)
     distance = np.linalg.norm(centre)
-    step = max(angular_steps(lidar)) * distance
+    step = float(max(angular_steps(lidar)) * distance)
     if size_error(target, inliers, step) > MAX_SIZE_ERROR:
         return False
     along = principal_axes(inliers).vectors[:, signature.axis_index] @ centre / distance
@@ -208,12 +208,12 @@ def matches_target(
 
 def measure_candidate(
     target: TargetShape, signature: ShapeSignature, inliers: np.ndarray
-) -> Candidate:
+) -> TargetCandidate:
     """Return centre and direction of a target whose visible returns are inliers (n, 3)."""
     centre = inliers.mean(0)
     beam = centre / np.linalg.norm(centre)
     direction = principal_axes(inliers).vectors[:, signature.axis_index]
     if signature.axis_index == 0:
-        return Candidate(centre, -np.copysign(1, direction @ beam) * direction)
+        return TargetCandidate(centre, -np.copysign(1, direction @ beam) * direction)
     # Returns evenly spread in angle have their centroid π/4 radii in front of the axis.
-    return Candidate(centre + np.pi / 8 * target.extents[1] * beam, direction)
+    return TargetCandidate(centre + np.pi / 8 * target.extents[1] * beam, direction)

@@ -14,7 +14,7 @@ from calib.initial_guess.lidar_matching import find_lidar_pose
 from calib.io.parquet_tables import select_rows
 from calib.io.status import Status, failure_status
 from calib.mocap.body_trajectory import trajectory_from_columns
-from calib.sensors.sensor_models import sensor_model_from_config
+from calib.sensors.sensor_models import camera_from_config, sensor_model_from_config
 from calib.targets.target_shapes import TargetShape, target_from_config
 from calib.views.initial_guess_frames import FrameSample, choose_frame_samples
 from calib.views.sensor_croppers import FrameReader, make_frame_reader
@@ -78,6 +78,7 @@ class SessionSearch:
 
     def search_time_offset(self, name: str, sensor: dict[str, Any]) -> OffsetGuess:
         """Search the time offset of a sensor from when its data change."""
+        assert self.poses is not None  # read if the time offset is searched
         frames = select_rows(self.frames, self.frames["sensor"] == name)
         trajectories = [
             trajectory_from_columns(self.poses, body, self.options["max_gap_s"])
@@ -102,7 +103,7 @@ class SessionSearch:
         for name, sensor in cameras.items():
             samples, read_frame = self._sample_frames(name, sensor, {target_name: np.eye(4)})
             guess = find_mount(
-                sensor_model_from_config(sensor),
+                camera_from_config(sensor),
                 target,
                 samples,
                 read_frame,

@@ -83,19 +83,23 @@ class MovingView:
     sigma: np.ndarray
     separate_trajectories: SeparateTrajectories | None = None
 
-    def motion_at(self, time_offset_s: float, stream_lag_s: float = 0.0) -> LocalMotion | None:
+    def motion_at(self, time_offset_s: float, stream_lag_s: float = 0.0) -> LocalMotion:
         """Return the motion at the view, on the clock of the robot's poses.
 
         time_offset_s: delay of the sensor's clock; stream_lag_s: delay of the clock of the body's
-        poses. Without poses around that time, the motion at the stamp itself.
+        poses. Without poses around that time, the motion at the stamp itself. Raises ValueError if
+        there are none either.
         """
         trajectory = self.trajectory
         if stream_lag_s and self.separate_trajectories:
             trajectory = self._shift_body_stamps(self.separate_trajectories, stream_lag_s)
         time_ns = self.stamp_ns + round(time_offset_s * NS_PER_S)
-        return fit_local_motion(trajectory, time_ns) or fit_local_motion(
+        motion = fit_local_motion(trajectory, time_ns) or fit_local_motion(
             self.trajectory, self.stamp_ns
         )
+        if motion is None:
+            raise ValueError(f"no motion capture poses around stamp {self.stamp_ns} ns")
+        return motion
 
     def _shift_body_stamps(self, separate: SeparateTrajectories, stream_lag_s: float) -> Trajectory:
         """Return T_robot_body around the stamp, the body's stamps moved to the robot's clock."""

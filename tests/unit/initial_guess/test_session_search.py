@@ -18,7 +18,7 @@ from calib.initial_guess.camera_from_patterns import solve_pattern_poses, vote_p
 from calib.initial_guess.candidate_matches import CandidateMatches, make_match
 from calib.initial_guess.hand_eye import solve_mount
 from calib.initial_guess.initial_guess import InitialGuess
-from calib.initial_guess.lidar_candidates import Candidate, ShapeSignature
+from calib.initial_guess.lidar_candidates import ShapeSignature, TargetCandidate
 from calib.initial_guess.lidar_matching import match_pose
 from calib.initial_guess.pose_voting import PoseTolerance, vote_for_pose
 from calib.io.config import validate_and_complete
@@ -185,10 +185,10 @@ def scattered(n, clutter, noise, seed, spread=1.0):
         T = make_pose(turn, [2, 0, 0] + spread * rng.uniform(-1, 1, 3))
         inside = invert_pose(T_TRUE) @ T
         centre = inside[:3, 3] + noise * rng.standard_normal(3)
-        rows.append(make_match(Candidate(centre, inside[:3, 2]), form, T, k))
+        rows.append(make_match(TargetCandidate(centre, inside[:3, 2]), form, T, k))
         for _ in range(clutter):
             direction = so3_exp(rng.uniform(-2, 2, 3))[:, 2]
-            rows.append(make_match(Candidate(rng.uniform(-4, 4, 3), direction), form, T, k))
+            rows.append(make_match(TargetCandidate(rng.uniform(-4, 4, 3), direction), form, T, k))
     return CandidateMatches.from_rows(rows)
 
 

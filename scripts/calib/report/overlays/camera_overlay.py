@@ -23,8 +23,8 @@ from calib.report.sections.residuals import residual_components, select_inlier_r
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.images.image_messages import decode_png
 from calib.sensors.sensor_models import camera_from_config
-from calib.targets.target_outline import Target, sample_outline_edges
-from calib.targets.target_shapes import target_from_config
+from calib.targets.target_outline import sample_outline_edges
+from calib.targets.target_shapes import TargetShape, target_from_config
 
 MAX_CIRCLES = 80  # more keypoints are drawn as dots
 N_POINTS_PER_EDGE = 12
@@ -81,7 +81,7 @@ def _keypoint_pixels(keypoints: Columns, view: int) -> np.ndarray:
 
 
 def project_target(
-    camera: CameraModel, T_camera_target: np.ndarray, target: Target
+    camera: CameraModel, T_camera_target: np.ndarray, target: TargetShape
 ) -> ProjectedTarget:
     """Project the pattern and the outline of a target; without edges, the hull of its surface."""
     corners = target.pattern.corners() if target.pattern else np.zeros((0, 3))

@@ -1,6 +1,6 @@
 """A target over the returns of one scan, by initial guess, result and truth (paper Figs. 4, 6)."""
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,8 +25,7 @@ from calib.report.figures.figure_encoding import (
     Drawing,
 )
 from calib.report.overlays.target_projections import TargetProjection, choose_projections
-from calib.targets.target_outline import Target
-from calib.targets.target_shapes import target_from_config
+from calib.targets.target_shapes import ExactSurface, TargetShape, target_from_config
 from calib.targets.template_cloud import TemplateCloud
 
 MAX_POINTS = 2500
@@ -81,7 +80,7 @@ def classify_overlay_points(
     points: np.ndarray,
     poses: dict[str, np.ndarray | None],
     measured: list[Columns],
-    target: Target,
+    target: TargetShape,
 ) -> dict[str, np.ndarray]:
     """Return points (n, 3), target frame, by mark of MARK_STYLES.
 
@@ -106,11 +105,12 @@ def classify_overlay_points(
     return marks
 
 
-def _is_inside_rim(target: Target, points: np.ndarray) -> np.ndarray:
+def _is_inside_rim(target: TargetShape, points: np.ndarray) -> np.ndarray:
     """Return whether points (n, 3), target frame, lie inside the rim. A template has no rim."""
     if isinstance(target, TemplateCloud):
         return np.ones(len(points), bool)
-    return target.distance_inside_rim(points) > 0
+    # All targets except templates have the members of this protocol.
+    return cast(ExactSurface, target).distance_inside_rim(points) > 0
 
 
 def _crossing_rays(keypoints: Columns, view: int) -> np.ndarray:

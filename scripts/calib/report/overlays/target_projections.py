@@ -8,7 +8,8 @@ from calib.geometry.se3 import invert_pose
 from calib.geometry.units import MM_PER_M
 from calib.targets.board import Board
 from calib.targets.cylinder import Cylinder
-from calib.targets.target_outline import Target, trace_target_outline
+from calib.targets.target_outline import trace_target_outline
+from calib.targets.target_shapes import TargetShape
 
 EDGE_ON_RANGE_M = (0.05, 0.3)  # smallest and largest shown distance from a surface
 N_CIRCLE_CORNERS = 90
@@ -51,13 +52,14 @@ class TargetProjection:
 
 
 def choose_projections(
-    target: Target, T_sensor_target: np.ndarray, guess_points: np.ndarray
+    target: TargetShape, T_sensor_target: np.ndarray, guess_points: np.ndarray
 ) -> tuple[TargetProjection, TargetProjection]:
     """Return two projections of a target; guess_points (n, 3), target frame, should be visible."""
     if isinstance(target, Board):
         return make_board_projections(target, guess_points)
     if isinstance(target, Cylinder):
         return make_cylinder_projections(target, T_sensor_target)
+    assert target.point_template is not None  # a shape without faces consists of its points
     return make_template_projections(target.point_template.xyz)
 
 

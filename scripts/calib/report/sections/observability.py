@@ -37,7 +37,10 @@ def tabulate_observability(run: ReportRun) -> list[dict[str, Any]]:
     rows = []
     for name, sensor in run.sensors.items():
         T = run.T_robot_sensor(name)
-        directions = principal_directions(np.array(sensor["covariance"])) if T is not None else []
+        directions = [] if T is None else principal_directions(np.array(sensor["covariance"]))
+        descriptions = (
+            [] if T is None else [describe_pose_direction(d.weights, T) for d in directions]
+        )
         # σ of a rotation counts as the shift that it makes at LEVER_ARM_M.
         sigma_m = [d.sigma * (LEVER_ARM_M if d.unit == "rad" else 1.0) for d in directions]
         ratio = sigma_m[0] / sigma_m[-1] if directions and sigma_m[-1] > 0 else None
@@ -45,8 +48,8 @@ def tabulate_observability(run: ReportRun) -> list[dict[str, Any]]:
             {
                 "name": name,
                 "principal_directions": [
-                    (describe_pose_direction(d.weights, T), format_sigma(d.sigma, d.unit))
-                    for d in directions
+                    (description, format_sigma(d.sigma, d.unit))
+                    for description, d in zip(descriptions, directions, strict=True)
                 ],
                 "sigma_ratio": format_number(ratio, 2),
                 "undetermined": [d["description"] for d in sensor["undetermined"]],

@@ -14,7 +14,7 @@ from calib.io.status import OK, Status, failure_status
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.subpixel_edges import SubpixelEdges, refine_outline
 from calib.targets.color import Color
-from calib.targets.cylinder import Cylinder
+from calib.targets.target_shapes import TargetShape
 
 MIN_BLOB_AREA_PX2 = 1000
 MAX_BLOB_AREA_RATIO = 1.5  # to the expected area, and its inverse
@@ -46,7 +46,7 @@ def find_cylinder_silhouette(
     color: Color,
     camera: CameraModel,
     *,
-    target: Cylinder,
+    target: TargetShape,
     T_camera_target: np.ndarray,
 ) -> tuple[Silhouette | None, Status]:
     """Find the silhouette of a cylinder of a colour in a region (h, w, 3) uint8 of an image.
@@ -118,7 +118,7 @@ def check_color_blob(image: np.ndarray, outline: np.ndarray, expected_area: floa
     return OK
 
 
-def _predict_area(camera: CameraModel, target: Cylinder, T_camera_target: np.ndarray) -> float:
+def _predict_area(camera: CameraModel, target: TargetShape, T_camera_target: np.ndarray) -> float:
     """Return the area, px², of the target's outline; 0 if the lens cannot see all of it."""
     points = target.outline_points() @ T_camera_target[:3, :3].T + T_camera_target[:3, 3]
     uv, is_valid = camera.project(points)

@@ -32,7 +32,7 @@ def largest_extent(points: np.ndarray) -> float:
     axes = np.linalg.svd(centred, full_matrices=False)[2]
     angles = np.linspace(0, np.pi, N_EXTENT_DIRECTIONS, endpoint=False)
     directions = np.cos(angles)[:, None] * axes[0] + np.sin(angles)[:, None] * axes[1]
-    return np.ptp(centred @ directions.T, axis=0).max()
+    return float(np.ptp(centred @ directions.T, axis=0).max())
 
 
 def score_cluster(
@@ -50,7 +50,7 @@ def score_cluster(
     centre = transform_points(T_sensor_target, target.centre)
     distance = float(np.linalg.norm(centre))
     offset = float(np.linalg.norm(points.mean(0) - centre))
-    position_error = offset / (angular_margin(margin, distance) * distance)
+    position_error = float(offset / (angular_margin(margin, distance) * distance))
     return position_error + SIZE_WEIGHT * size_error(target, points, step)
 
 
