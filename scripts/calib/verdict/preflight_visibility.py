@@ -12,7 +12,7 @@ from calib.io.parquet_tables import select_rows
 from calib.io.status import Status, failure_status
 from calib.mocap.body_trajectory import Trajectory, target_trajectories, trajectory_from_columns
 from calib.sensors.sensor_models import with_log_metadata
-from calib.targets.target_shapes import target_from_config
+from calib.targets.target_shapes import TargetShape, target_from_config
 from calib.views.field_of_view import PosedSensor
 from calib.views.frame_selection import select_frames
 from calib.views.moving_view_selection import select_moving_views
@@ -58,7 +58,7 @@ class TargetVisibility:
     has_known_pose: whether the poses of sensor and target are stated. If not, all is in view.
     """
 
-    shape: Any
+    shape: TargetShape
     T_robot_target: np.ndarray
     expected_reasons: tuple[str, ...]
     possible_reasons: tuple[str, ...]
@@ -170,43 +170,65 @@ def _assess_targets(
     trajectories = target_trajectories(session.poses, options["body"], bodies, options["max_gap_s"])
     out = {}
     for name, config in configs.items():
-        shape = target_from_config(config)
         # The mount of a target may be unknown, too.
         sensor = posed if name in mounts else UNKNOWN_POSE
-        rows = find_still_rows(placements, name)
-        placement_by_frame = assign_frames_to_placements(frames, placements, name)
-        expected, possible = (
-            _reasons_by_placement(
-                s,
-                shape,
-                rows,
-                placement_by_frame,
-                T_robot_target=T_robot_target,
-                options=options["crop"],
-            )
-            for s in (replace(sensor, margin=np.zeros(6)), sensor)
+        still = _assess_still_target(
+            sensor,
+            target_from_config(config),
+            find_still_rows(placements, name),
+            assign_frames_to_placements(frames, placements, name),
+            T_robot_target=T_robot_target,
+            options=options["crop"],
         )
         n_moving_views = 0
-        if counts_moving_views and shape.uses_exact_surface:
+        if counts_moving_views and still.shape.uses_exact_surface:
             n_moving_views = _count_moving_views(
                 sensor,
-                shape,
+                still.shape,
                 trajectories[name],
                 mounts.get(name),
                 frames,
                 block=block,
                 options=options["crop"],
             )
-        has_known_pose = sensor is not UNKNOWN_POSE
-        out[name] = TargetVisibility(
-            shape, T_robot_target[rows], expected, possible, n_moving_views, has_known_pose
-        )
+        out[name] = replace(still, n_moving_views=n_moving_views)
     return out
+
+
+def _assess_still_target(
+    sensor: PosedSensor,
+    shape: TargetShape,
+    rows: np.ndarray,
+    placement_by_frame: np.ndarray,
+    *,
+    T_robot_target: np.ndarray,
+    options: dict[str, Any],
+) -> TargetVisibility:
+    """Return what a sensor may see of a target at rest. Parameters: as of _reasons_by_placement."""
+    expected, possible = (
+        _reasons_by_placement(
+            s,
+            shape,
+            rows,
+            placement_by_frame,
+            T_robot_target=T_robot_target,
+            options=options,
+        )
+        for s in (replace(sensor, margin=np.zeros(6)), sensor)
+    )
+    return TargetVisibility(
+        shape=shape,
+        T_robot_target=T_robot_target[rows],
+        expected_reasons=expected,
+        possible_reasons=possible,
+        n_moving_views=0,
+        has_known_pose=sensor is not UNKNOWN_POSE,
+    )
 
 
 def _reasons_by_placement(
     sensor: PosedSensor,
-    shape: Any,
+    shape: TargetShape,
     rows: np.ndarray,
     placement_by_frame: np.ndarray,
     *,
@@ -227,7 +249,7 @@ def _reasons_by_placement(
 
 def _count_moving_views(
     sensor: PosedSensor,
-    shape: Any,
+    shape: TargetShape,
     trajectory: Trajectory,
     T_body_target: np.ndarray | None,
     frames: Columns,
