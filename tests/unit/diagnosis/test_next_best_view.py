@@ -7,9 +7,13 @@ import pytest
 
 from calib.diagnosis.consider_covariance import with_consider_covariance
 from calib.diagnosis.leave_one_out import sigma_by_placements_json
-from calib.diagnosis.next_best_view import CurrentInformation, candidate_placements, find_best_views
+from calib.diagnosis.next_view.next_best_view import (
+    CurrentInformation,
+    candidate_placements,
+    find_best_views,
+)
+from calib.diagnosis.next_view.view_candidates import list_view_candidates
 from calib.diagnosis.observability import describe_next_view, least_certain_direction
-from calib.diagnosis.view_candidates import list_view_candidates
 from calib.estimation.corrections.correction_catalog import list_testable_corrections
 from calib.estimation.estimation_problem import Placement
 from calib.estimation.nlp.information_matrix import covariance_from_information

@@ -11,14 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calib.diagnosis.consider_covariance import unestimated_couplings
-from calib.diagnosis.observability import describe_pose_direction, least_certain_direction
-from calib.diagnosis.recorded_view import (
+from calib.diagnosis.next_view.recorded_view import (
     AddedInformation,
     RecordedView,
     distance_and_incidence,
     inlier_groups_by_placement,
 )
-from calib.diagnosis.view_candidates import list_view_candidates
+from calib.diagnosis.next_view.view_candidates import list_view_candidates
+from calib.diagnosis.observability import describe_pose_direction, least_certain_direction
 from calib.estimation import pose_chain
 from calib.estimation.estimation_problem import SensorModel, Setup
 from calib.estimation.estimation_result import EstimationResult
