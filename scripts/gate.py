@@ -8,99 +8,16 @@ Decides by linear and angular speed over a window, from motion capture alone.
 
 import argparse
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from calib.geometry.se3 import adjoint, invert_pose, mean_pose, pose_to_quat
 from calib.io.parquet_tables import Columns, read_table, write_table
 from calib.io.pose_block import pose_sigma_from_config
 from calib.io.stage_cli import StageArgumentParser, logger, read_json, run_stage
-from calib.io.status import OK, Status, failure_status
+from calib.io.status import Status
 from calib.io.table_schemas import MOCAP_SCHEMA, PLACEMENTS_SCHEMA
-from calib.mocap.body_trajectory import Trajectory, relative_trajectory, trajectory_from_columns
-from calib.mocap.stillness import (
-    StillnessLimits,
-    count_effective_samples,
-    find_still_intervals,
-    fit_residual_drift,
-)
-
-
-def average_still_pose(
-    trajectory: Trajectory, interval_ns: Sequence[int] | np.ndarray, pose_sigma: np.ndarray
-) -> dict[str, Any]:
-    """Return the mean pose over a still interval and its covariance, as columns.
-
-    interval_ns: start and end; pose_sigma: (6,) σ of one MCS pose, m and rad.
-    """
-    rows = (trajectory.stamps_ns >= interval_ns[0]) & (trajectory.stamps_ns <= interval_ns[1])
-    mean, xi = mean_pose(trajectory.poses[rows])
-    prior = single_pose_covariance(mean, pose_sigma)
-    scatter = max(1.0, np.sqrt(np.mean(np.sum(xi * np.linalg.solve(prior, xi.T).T, 1)) / 6))
-    independent = count_effective_samples(xi)
-    factor = scatter / np.sqrt(independent)
-    return {
-        "xyz": mean[:3, 3],
-        "quat": pose_to_quat(mean),
-        "samples": int(rows.sum()),
-        "effective_samples": independent,
-        "mean_pose_sigma_factor": factor,
-        "covariance": (factor**2 * prior).reshape(-1),
-        "residual_drift": fit_residual_drift(trajectory.stamps_ns[rows], xi),
-    }
-
-
-def single_pose_covariance(T_robot_body: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Return the covariance (6, 6) of one T_robot_body if both bodies' poses err by sigma (6,)."""
-    A = adjoint(invert_pose(T_robot_body))
-    return np.diag(sigma**2) + A @ np.diag(sigma**2) @ A.T
-
-
-def middle_moving_pose(trajectory: Trajectory, interval_ns: np.ndarray) -> dict[str, Any]:
-    """Return the pose nearest to the middle of a moving interval, as columns without covariance."""
-    middle_ns = interval_ns[0] + (interval_ns[1] - interval_ns[0]) // 2
-    T = trajectory.poses[np.abs(trajectory.stamps_ns - middle_ns).argmin()]
-    return {
-        "xyz": T[:3, 3],
-        "quat": pose_to_quat(T),
-        "samples": 1,
-        "effective_samples": 1.0,
-        "mean_pose_sigma_factor": 1.0,
-        "covariance": np.zeros(36),
-        "residual_drift": np.zeros(6),
-    }
-
-
-def find_moving_intervals(still_intervals: np.ndarray, stamps_ns: np.ndarray) -> np.ndarray:
-    """Return the intervals (k, 2), ns, between still ones, from the first to the last stamp."""
-    if len(stamps_ns) == 0:
-        return np.zeros((0, 2), np.int64)
-    edges = np.concatenate([stamps_ns[:1], still_intervals.reshape(-1), stamps_ns[-1:]])
-    edges = edges.reshape(-1, 2)
-    return edges[edges[:, 1] > edges[:, 0]]
-
-
-def find_target_placements(
-    target: str, trajectory: Trajectory, options: dict[str, Any], pose_sigma: np.ndarray
-) -> list[dict[str, Any]]:
-    """Return the rows of placements.parquet of one target, by time; options: block `gate`."""
-    limits = StillnessLimits(
-        window_s=options["window_s"],
-        max_linear_mps=options["max_linear_mps"],
-        max_angular_radps=np.radians(options["max_angular_dps"]),
-        trim_s=options["trim_s"],
-        min_duration_s=options["min_duration_s"],
-    )
-    still = find_still_intervals(trajectory, limits)
-    moving = find_moving_intervals(still, trajectory.stamps_ns)
-    placements = [("still", s, average_still_pose(trajectory, s, pose_sigma)) for s in still]
-    placements += [("moving", s, middle_moving_pose(trajectory, s)) for s in moving]
-    rows = [
-        {"target": target, "kind": kind, "start_ns": interval[0], "end_ns": interval[1]} | pose
-        for kind, interval, pose in placements
-    ]
-    return sorted(rows, key=lambda r: r["start_ns"])
+from calib.mocap import placements
+from calib.mocap.body_trajectory import relative_trajectory, trajectory_from_columns
 
 
 def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -123,10 +40,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     rows, notes = [], {}
     for target, body in sorted(options["targets"].items()):
         relative = relative_trajectory(robot, trajectory_from_columns(columns, body, gap))
-        found = find_target_placements(target, relative, options["gate"], sigma)
+        found = placements.find_target_placements(target, relative, options["gate"], sigma)
         still = [r for r in found if r["kind"] == "still"]
         rows += found
-        notes[target] = still_target_status(audit, options["body"], body, still).to_dict()
+        notes[target] = placements.still_target_status(
+            audit, options["body"], body, still
+        ).to_dict()
         logger.info("%s: %d still intervals of %d", target, len(still), len(found))
     status = Status.from_dict(audit[options["body"]]["status"])
     # The number of a placement is its row. Still ones come first, because people count these.
@@ -135,24 +54,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     table: Columns = {k: [r[k] for r in rows] for k in names}
     table["placement"] = np.arange(len(rows))
     write_table(args.output, PLACEMENTS_SCHEMA, table, status, notes)
-
-
-def still_target_status(
-    audit: dict[str, Any], robot: str, body: str, still_rows: list[dict[str, Any]]
-) -> Status:
-    """Return why a target has no still interval, or ok."""
-    for name in (robot, body):
-        status = Status.from_dict(audit[name]["status"])
-        if not status.ok:
-            return status
-    if not still_rows:
-        return failure_status(
-            f"{body} is never still relative to {robot}",
-            "0 still intervals",
-            "1 or more",
-            "Hold the target still for at least 1 s, or increase gate.max_linear_mps.",
-        )
-    return OK
 
 
 if __name__ == "__main__":

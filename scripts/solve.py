@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.model_selection import estimate_with_corrections
+from calib.diagnosis.correction_selection import estimate_with_corrections
 from calib.diagnosis.next_view.next_best_view import find_best_views
 from calib.diagnosis.residual_table import residual_columns
 from calib.diagnosis.session_repeatability import repeatability_json

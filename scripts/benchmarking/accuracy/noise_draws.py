@@ -27,9 +27,9 @@ from calib.geometry.se3 import invert_pose, se3_log, so3_exp
 from calib.geometry.units import NS_PER_S
 from calib.io.pose_block import pose_sigma_from_config
 from calib.mocap.body_trajectory import Trajectory, relative_trajectory
+from calib.mocap.placements import average_still_pose
 from calib.sensors.camera.images.image_messages import decode_png, encode_png
 from calib.sensors.lidar.lidar_model import LidarModel
-from gate import average_still_pose
 from simulation.sensors.camera_exposure import digitize_image
 from simulation.sensors.lidar_scanner import scan_scene
 from simulation.sensors.mocap_errors import MCS_PERIOD_NS, measure_body_poses

@@ -18,7 +18,7 @@ from calib.io.pose_block import pose_from_config
 from calib.io.table_schemas import CAMERA_VIEWS_SCHEMA, LIDAR_VIEWS_SCHEMA, PLACEMENTS_SCHEMA
 from calib.sensors.sensor_models import SensorModel, sensor_model_from_config
 from calib.targets.target_shapes import target_from_config
-from calib.views.windows import is_in_view_cone
+from calib.views.crop_windows import is_in_view_cone
 from simulate import draw_sessions, parse_simulation_arguments
 from simulation.config_and_truth import make_rig_config, make_target_config
 from simulation.sensors.camera_exposure import Shutter

@@ -1,3 +1,3 @@
-"""How good an estimate is: which corrections are needed (model_selection, suspected_errors), leave-
-one-out, observability, next best view (next_view), sessions compared, and the files of stage solve
-(solution_json with sensor_json, residual_table)."""
+"""How good an estimate is: which corrections are needed (correction_selection, suspected_errors),
+leave- one-out, observability, next best view (next_view), sessions compared, and the files of stage
+solve (solution_json with sensor_json, residual_table)."""

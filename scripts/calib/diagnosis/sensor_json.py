@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from calib.diagnosis.consider_covariance import common_range_sigmas
+from calib.diagnosis.correction_selection import sensor_corrections_json
 from calib.diagnosis.leave_one_out import LeaveOneOut, sigma_by_placements_json
-from calib.diagnosis.model_selection import sensor_corrections_json
 from calib.diagnosis.observability import (
     describe_pose_direction,
     direction_spread_deg,
@@ -27,7 +27,7 @@ from calib.estimation.corrections.camera_intrinsics import get_intrinsics_estima
 from calib.estimation.corrections.clock_drift import clock_drift_json
 from calib.estimation.corrections.clock_offset import time_offset_json
 from calib.estimation.estimation_problem import Setup
-from calib.estimation.solver import EstimationResult
+from calib.estimation.estimation_result import EstimationResult
 from calib.io.pose_block import pose_json
 from calib.io.status import Status
 from calib.sensors.camera.camera_model import CameraModel

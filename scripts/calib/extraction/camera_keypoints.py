@@ -15,9 +15,9 @@ from calib.extraction.working_pose import (
 from calib.io.status import OK
 from calib.sensors.camera.cylinder_silhouette import find_cylinder_silhouette
 from calib.sensors.camera.images.image_messages import decode_png, to_grey
+from calib.views.crop_windows import pixel_margin
 from calib.views.field_of_view import check_camera_visibility
 from calib.views.target_placements import Columns
-from calib.views.windows import pixel_margin
 
 # Times σ, that the working pose starts from: errors of the MCS exceed the σ of a corner.
 CAMERA_NOISE_FACTOR = 100.0

@@ -9,5 +9,6 @@ body_poses_in_map  poses composed along a chain of frames
 body_trajectory    trajectories, interpolated between samples
 stillness          still intervals, and how much their poses tell
 moving_pose_fit    pose and velocity of a moving target at a time
+placements         still intervals of a target and those between, with mean poses
 mask_runs          runs of true values in a mask
 """

@@ -7,7 +7,7 @@ placement_selection     placements of a target that a sensor uses
 frame_selection         frames of a still target that are read
 moving_view_selection   frames of a moving target that are read
 initial_guess_frames    one frame per placement, for the searches of guess
-windows                 part of a scan or image around a target
+crop_windows            part of a scan or image around a target
 sensor_croppers         croppers by kind of sensor, reading of frames
 view_cutter             rows of views.parquet and moving_views.parquet
 view_payloads           reads single views back

@@ -19,12 +19,12 @@ from calib.sensors.lidar.clouds.cloud_layout import CloudLayout
 from calib.sensors.lidar.lidar_model import LidarModel
 from calib.sensors.sensor_models import camera_from_config
 from calib.targets.target_shapes import TargetShape
+from calib.views.crop_windows import find_image_region, is_in_view_cone
 from calib.views.field_of_view import (
     VisibilityCheck,
     check_camera_visibility,
     check_lidar_visibility,
 )
-from calib.views.windows import find_image_region, is_in_view_cone
 
 Payload = dict[str, Any]
 FrameReader = Callable[[int], Any]

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.diagnosis.correction_selection import estimate_with_corrections
 from calib.diagnosis.leave_one_out import leave_one_out_rms
-from calib.diagnosis.model_selection import estimate_with_corrections
 from calib.diagnosis.solution_json import target_mounts_json
 from calib.estimation.nlp.information_matrix import covariance_from_information
 from calib.geometry.se3 import invert_pose, make_pose, rotation_angle, se3_exp, se3_log, so3_exp

@@ -2,7 +2,7 @@
 
 To add one: write a subclass of TargetCorrection, SensorCorrection or ModelCorrection (base), a
 function that yields its instances for a Setup, and add the function to CORRECTION_SOURCES. A
-ModelCorrection can also be estimated with the poses (diagnosis.model_selection).
+ModelCorrection can also be estimated with the poses (diagnosis.correction_selection).
 """
 
 from collections.abc import Iterator

@@ -12,7 +12,7 @@ from scipy.ndimage import binary_erosion
 
 from calib.io.status import OK, Status, failure_status
 from calib.sensors.camera.camera_model import CameraModel
-from calib.sensors.camera.subpixel_edges import SubpixelEdges, refine_outline
+from calib.sensors.camera.silhouette_edges import SubpixelEdges, refine_outline
 from calib.targets.color import Color
 from calib.targets.target_shapes import TargetShape
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.model_selection import estimate_with_corrections
+from calib.diagnosis.correction_selection import estimate_with_corrections
 from calib.estimation.corrections.camera_intrinsics import (
     get_intrinsics_estimate,
     intrinsics_parameter_names,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.model_selection import estimate_with_corrections
+from calib.diagnosis.correction_selection import estimate_with_corrections
 from calib.estimation.corrections.clock_drift import clock_drift_json
 from calib.estimation.corrections.clock_offset import (
     TimeOffsetCorrection,
@@ -16,10 +16,7 @@ from calib.estimation.estimate_state import initial_state
 from calib.estimation.estimation_problem import MeasurementGroup, Placement
 from calib.estimation.measurement_assignment import assign_measurements
 from calib.estimation.nlp.information_matrix import covariance_from_information
-from calib.estimation.round_solution import (
-    build_nlp,
-    linearize_measurements,
-)
+from calib.estimation.round_solution import build_nlp, linearize_measurements
 from calib.estimation.solver import estimate_poses
 from calib.geometry.se3 import invert_pose, se3_exp, se3_log, transform_points
 from calib.geometry.units import NS_PER_S

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from calib.geometry.se3 import make_pose, se3_exp, so3_exp, transform_points
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.cylinder_silhouette import find_color_contour, find_cylinder_silhouette
-from calib.sensors.camera.subpixel_edges import refine_outline
+from calib.sensors.camera.silhouette_edges import refine_outline
 from calib.targets.color import Color
 from calib.targets.cylinder import Cylinder
 
