@@ -1,8 +1,8 @@
-"""Measure accuracy and cost on logs with known truth: the tables of docs/benchmark.md.
+"""Measure accuracy and cost on logs with known truth, and write docs/benchmark.md.
 
-Simulates the logs below WORK, calibrates all of them with the pipeline in one working directory,
-and compares the results with truth.json, which no job of the pipeline gets to see. The table goes
-to stdout; a full run also writes benchmark.md and benchmark.svg into --docs.
+Simulates the logs in WORK, calibrates them with the pipeline, and compares the results with
+truth.json, which no job of the pipeline reads. Prints the page; a full run also writes benchmark.md
+and benchmark.svg into --docs.
 """
 
 import argparse
@@ -61,38 +61,46 @@ from benchmarking.lab_faults.lab_faults import (
     read_lab_outcome,
 )
 from benchmarking.lab_faults.lab_faults_page import build_lab_section
-from benchmarking.page.benchmark_page import render_benchmark_page
+from benchmarking.page.benchmark_page import DrawResults, render_benchmark_page
 from benchmarking.page.error_chart import render_error_chart_svg
 
 ROOT = Path(__file__).resolve().parents[1]
 
 
 def parse_benchmark_arguments(argv: list[str] | None) -> argparse.Namespace:
+    """Parse the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
-    add("work", type=Path, metavar="WORK", help="an own folder; 2 GB of logs are written there")
-    add("--quick", action="store_true", help="the smallest N of every row, one log of each")
-    add("--draws", type=int, help="of the noise, per line; default 100, or 4 in a quick run")
+    add("work", type=Path, metavar="WORK", help="folder for logs and results, 2 GB")
+    add(
+        "--quick", action="store_true", help="only the fewest placements of every row, one log each"
+    )
+    add("--draws", type=int, help="noise draws per line; default 100, with --quick 4")
     add("--cores", type=int, default=2)
-    add("--docs", type=Path, default=ROOT / "docs", help="where a full run writes")
-    add("--keep-logs", action="store_true", help="use logs that an earlier run left in WORK")
+    add(
+        "--docs",
+        type=Path,
+        default=ROOT / "docs",
+        help="folder for the page and the chart of a full run",
+    )
+    add("--keep-logs", action="store_true", help="use the logs of an earlier run in WORK")
     return parser.parse_args(argv)
 
 
 def simulate_log(folder: Path, arguments: list[str], has_kept_logs: bool) -> None:
-    """Write one log with its truth below folder."""
+    """Simulate one log with its truth into a folder, unless it is there and has_kept_logs."""
     if has_kept_logs and (folder / "truth.json").exists():
         return
     command = [sys.executable, str(ROOT / "scripts" / "simulate.py"), str(folder), *arguments]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
-        raise RuntimeError(f"{folder.name} was not simulated:\n{done.stderr}")
+        raise RuntimeError(f"simulation of {folder.name} failed:\n{done.stderr}")
 
 
 def make_with_snakemake(run_folder: Path, targets: list[str], cores: int) -> tuple[bool, float]:
-    """Make the targets in the working directory run; whether all were made, and the seconds."""
+    """Make targets in a working directory; return whether all were made, and the seconds."""
     command = [
         str(Path(sys.executable).with_name("snakemake")),
         "-s",
@@ -108,7 +116,7 @@ def make_with_snakemake(run_folder: Path, targets: list[str], cores: int) -> tup
 
 
 def write_run_config(run_folder: Path, logs: Path, cases: list[AccuracyCase]) -> None:
-    """The config of the cases of one working directory; logs: the folder of the simulated ones."""
+    """Write the config of the cases of one working directory; logs: folder of simulated logs."""
     sessions, files = {}, {}
     for case in cases:
         log = logs / simulated_log_name(*case.log_key)
@@ -123,7 +131,7 @@ def write_run_config(run_folder: Path, logs: Path, cases: list[AccuracyCase]) ->
 
 
 def write_config_files(run_folder: Path, files: dict[str, Any]) -> None:
-    """Write the contents of files by name, below the config of a working directory."""
+    """Write files, content by name, into the config folder of a working directory."""
     for name, content in files.items():
         path = run_folder / "config" / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -133,7 +141,10 @@ def write_config_files(run_folder: Path, files: dict[str, Any]) -> None:
 def measure_run_speed(
     logs_folder: Path, run_folder: Path, cases: list[AccuracyCase], cores: int
 ) -> RunSpeed:
-    """The Speed of the log made for it, in its own working directory; run, cases: of the others."""
+    """Measure the cost of a run on the log in SPEED_FOLDER.
+
+    run_folder, cases: of the other runs, for the memory of decode.
+    """
     folder, results = logs_folder / SPEED_FOLDER, logs_folder / SPEED_FOLDER / "results"
     rig = folder / "config" / "rigs" / f"{SPEED_RIG}.yaml"
     rig.write_text(yaml.safe_dump(speed_rig_config(yaml.safe_load(rig.read_text()))))
@@ -141,7 +152,7 @@ def measure_run_speed(
     sessions = yaml.safe_load(settings.read_text())["sessions"]
     settings.write_text(yaml.safe_dump({"sessions": sessions}))
     shutil.rmtree(results, ignore_errors=True)
-    # Made twice: the second time there is nothing to do but to find that out.
+    # Made twice. The second run has nothing to do: its time is that of Snakemake itself.
     wanted = f"results/{SPEED_RIG}/solution.json"
     walls = [make_with_snakemake(folder, [wanted], cores)[1] for _ in range(2)]
     files = sorted((folder / "logs").glob("*.mcap"))
@@ -158,7 +169,7 @@ def measure_run_speed(
 def measure_full_runs(
     logs: Path, run_folder: Path, n_runs: int, cores: int
 ) -> dict[str, DrawStatistics]:
-    """{sensor: Statistics} of so many small logs through the whole pipeline."""
+    """Run n_runs small logs through the whole pipeline; return the statistics by sensor."""
     names, sessions, files = full_run_names(n_runs), {}, {}
     for name in names:
         sessions[name] = {"rig": name, "log": str(find_log_file(logs / name))}
@@ -166,29 +177,29 @@ def measure_full_runs(
     files["targets/board.yaml"] = read_simulated_config(logs / names[0], "targets/*")
     write_config_files(run_folder, {"config.yaml": {"sessions": sessions}, **files})
     make_with_snakemake(run_folder, [f"results/{name}/calibration.json" for name in names], cores)
-    found = collect_full_runs(run_folder, logs, names)
-    return {sensor: compute_run_statistics(draws) for sensor, draws in found.items()}
+    results = collect_full_runs(run_folder, logs, names)
+    return {sensor: compute_run_statistics(draws) for sensor, draws in results.items()}
 
 
 def measure_lab_faults(
     work_folder: Path, is_quick: bool, args: argparse.Namespace
 ) -> dict[tuple[str, bool], list[LabOutcome]]:
-    """{(fault, on): [lab.Outcome]} of logs with what labs get wrong, options on and off."""
+    """Calibrate logs with faults of labs; return the outcomes by (fault, corrections on)."""
     faults, seeds = (QUICK_FAULTS, (1,)) if is_quick else (tuple(LAB_FAULTS), (1, 2, 3))
     commands = plan_lab_simulations(faults, seeds)
     tasks = [(fault, on, seed) for fault in faults for on in (True, False) for seed in seeds]
     with ThreadPoolExecutor(args.cores) as pool:
         folders = [work_folder / name for name in commands]
         list(pool.map(simulate_log, folders, commands.values(), [args.keep_logs] * len(folders)))
-        found = list(pool.map(lambda task: run_lab_log(work_folder, *task), tasks))
+        results = list(pool.map(lambda task: run_lab_log(work_folder, *task), tasks))
     out: dict[tuple[str, bool], list[LabOutcome]] = {}
-    for (fault, on, _), outcome in zip(tasks, found, strict=True):
+    for (fault, on, _), outcome in zip(tasks, results, strict=True):
         out.setdefault((fault, on), []).append(outcome)
     return out
 
 
 def run_lab_log(work_folder: Path, fault: str, has_options_on: bool, seed: int) -> LabOutcome:
-    """The lab.Outcome of one log."""
+    """Calibrate one log with a fault."""
     log = work_folder / lab_log_name(fault, seed)
     run = work_folder / ("on" if has_options_on else "off") / log.name
     shutil.copytree(log / "config", run / "config", dirs_exist_ok=True)
@@ -209,8 +220,11 @@ def measure_accuracy(
     placements: int,
     draws: int,
     args: argparse.Namespace,
-) -> tuple[list[AccuracyLine], RunSpeed, tuple[Any, ...]]:
-    """(Lines, cost.Speed, (draws, coverage, full runs)) of the cases, below the folder work."""
+) -> tuple[list[AccuracyLine], RunSpeed, DrawResults]:
+    """Measure accuracy and cost in a folder; return the lines, the cost, and the noise draws.
+
+    placements: of the log for the cost; draws: of the noise, per line.
+    """
     logs, run, runs = work_folder / "logs", work_folder / "run", max(1, draws // 5)
     commands = plan_simulations(cases, placements, runs)
     with ThreadPoolExecutor(args.cores) as pool:
@@ -228,6 +242,7 @@ def measure_accuracy(
 
 
 def main(argv: list[str] | None = None) -> None:
+    """Measure everything and write the page."""
     args = parse_benchmark_arguments(argv)
     draws = args.draws or (4 if args.quick else 100)
     sizes = list_accuracy_cases(args.quick), 5 if args.quick else 30, draws

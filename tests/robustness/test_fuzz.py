@@ -30,7 +30,7 @@ def outcomes():
 
 def test_no_case_breaks(outcomes):
     broken = [o for o in outcomes if o.end == "broken"]
-    assert len(outcomes) == CASES and not broken, broken[0].words
+    assert len(outcomes) == CASES and not broken, broken[0].message
 
 
 def test_cases_of_every_kind_end_in_every_way_so_that_they_reach_what_they_are_to_test(outcomes):

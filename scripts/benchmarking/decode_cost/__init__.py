@@ -1,1 +1,1 @@
-"""Cost of decode against the raw reader."""
+"""Compare the cost of decode with that of mcap's own reader."""

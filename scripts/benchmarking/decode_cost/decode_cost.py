@@ -1,4 +1,4 @@
-"""What decode costs beside mcap's own reader, on the same bytes and in the same run."""
+"""Compare the cost of decode with that of mcap's own reader, on the same logs."""
 
 import json
 import subprocess
@@ -13,18 +13,21 @@ from benchmarking.page.markdown import PageSection, format_markdown_table, forma
 from calib.io.logs.open_log import fingerprint_log
 
 SCRIPTS_FOLDER = Path(__file__).parents[2]
-MAX_CPU_RATIO, MAX_MEMORY_MB = 1.5, 500  # goals: CPU time over that of mcap's own reader; MB
+MAX_CPU_RATIO = 1.5  # goal: CPU time of decode over that of mcap's own reader
+MAX_MEMORY_MB = 500  # goal
 BYTES_PER_GB = 1e9
-DECODE_INTRO = """Logs that repeat a few scans and images with fresh stamps: 3 bodies at 100 Hz, two
-lidars of 28 800 points and two cameras of 1280 × 1024 px at 10 Hz. decode and mcap's own reader,
-which hands out every message undecoded, take turns on the same bytes, each in a process of its own;
-start of Python included."""
+DECODE_INTRO = """Logs that repeat a few scans and images with new stamps: 3 bodies at 100 Hz, two
+lidars of 28 800 points and two cameras of 1280 × 1024 px at 10 Hz. decode is compared with mcap's
+own reader, which reads every message without decoding it. Both run on the same logs, each in its
+own process; times include the start of Python."""
 
 
 @dataclass(frozen=True)
 class DecodeCostRow:
-    """One log: compression of its chunks, bytes of its messages and how many these are; the
-    cost.Cost of decode, and of mcap's own reader."""
+    """The cost of reading one log.
+
+    compression: of its chunks; content_bytes: size of all messages; raw_cost: of mcap's own reader.
+    """
 
     compression: str
     content_bytes: float
@@ -34,12 +37,12 @@ class DecodeCostRow:
 
     @property
     def cpu_ratio(self) -> float:
-        """CPU time of decode over that of mcap's own reader, start of Python included in both."""
+        """CPU time of decode over that of mcap's own reader; both include the start of Python."""
         return self.decode_cost.cpu_s / self.raw_cost.cpu_s
 
 
 def plan_decode_logs(is_quick: bool) -> list[tuple[str, float]]:
-    """[(compression, bytes of messages)] of the rows, the large log last."""
+    """Return (compression, bytes of messages) of the logs, the large log last."""
     small, large = (
         (0.2 * BYTES_PER_GB, BYTES_PER_GB) if is_quick else (BYTES_PER_GB, 10 * BYTES_PER_GB)
     )
@@ -47,24 +50,25 @@ def plan_decode_logs(is_quick: bool) -> list[tuple[str, float]]:
 
 
 def measure_decode_costs(folder: Path, is_quick: bool) -> list[DecodeCostRow]:
-    """[Row] of the plan; each log is written below a folder, read, and removed."""
+    """Write each planned log into a folder, measure its readers, and remove it."""
     folder.mkdir(parents=True, exist_ok=True)
-    return [measure_one_log(folder / "ingest.mcap", *of) for of in plan_decode_logs(is_quick)]
+    path = folder / "ingest.mcap"
+    return [measure_one_log(path, *log_plan) for log_plan in plan_decode_logs(is_quick)]
 
 
 def measure_one_log(path: Path, compression: str, content_bytes: float) -> DecodeCostRow:
-    """The Row of a log at path."""
+    """Write a log at path, measure its readers, and remove it."""
     try:
-        messages = write_large_log(path, compression, content_bytes)
+        n_messages = write_large_log(path, compression, content_bytes)
         raw = run_and_parse_cost("-m", "benchmarking.decode_cost.process_cost", path)
         decode = run_and_parse_cost(SCRIPTS_FOLDER / "decode.py", *decode_arguments(path))
     finally:
         path.unlink(missing_ok=True)
-    return DecodeCostRow(compression, content_bytes, messages, decode, raw)
+    return DecodeCostRow(compression, content_bytes, n_messages, decode, raw)
 
 
 def decode_arguments(path: Path) -> tuple[str | Path, ...]:
-    """Of scripts/decode.py, for a log of `repeated`; its outputs go beside it."""
+    """Return the arguments of scripts/decode.py for a large log; outputs go into its folder."""
     mocap = {"topics": ["/tf"], "map": large_logs.MAP_FRAME, "max_gap_s": 0.05}
     options = {
         "log": str(path),
@@ -76,34 +80,37 @@ def decode_arguments(path: Path) -> tuple[str | Path, ...]:
         "to_s": None,
     }
     names = {"mocap": "mocap.parquet", "frames": "frames.parquet", "audit": "log.json"}
-    written = [word for k, name in names.items() for word in (f"--{k}", path.parent / name)]
-    return *written, "--options", json.dumps(options)
+    outputs = [word for k, name in names.items() for word in (f"--{k}", path.parent / name)]
+    return *outputs, "--options", json.dumps(options)
 
 
 def run_and_parse_cost(*command: str | Path) -> StageCost:
-    """The Cost that a script of this checkout says it had."""
-    # A shell in between: a process inherits the peak memory of the one that starts it.
+    """Run a Python script and return the cost from its log.
+
+    Raises RuntimeError if it fails.
+    """
+    # Started by a shell, because a process inherits the peak memory of its parent.
     words = ["/bin/sh", "-c", '"$@"; exit $?', "sh", sys.executable, *command]
     done = subprocess.run(
         [str(w) for w in words], cwd=SCRIPTS_FOLDER, capture_output=True, text=True
     )
-    found = COST_LINE.search(done.stderr)
-    if done.returncode or not found:
+    match = COST_LINE.search(done.stderr)
+    if done.returncode or not match:
         raise RuntimeError(f"{command[0]} did not read its log:\n{done.stderr}")
-    wall, cpu, memory = found.groups()[1:]
+    wall, cpu, memory = match.groups()[1:]
     return StageCost(1, float(wall), float(cpu), int(memory))
 
 
 def build_decode_section(rows: list[DecodeCostRow]) -> PageSection:
-    """The Section on Rows."""
+    """Return the section of the page on decoding."""
     return PageSection(
         "Decoding", f"{DECODE_INTRO}\n\n{format_decode_table(rows)}", check_decode_goals(rows)
     )
 
 
 def format_decode_table(rows: list[DecodeCostRow]) -> str:
-    """The table of Rows."""
-    head: tuple[str, ...] = (
+    """Return the table of decode costs."""
+    head = (
         "chunks",
         "messages, GB",
         "messages",
@@ -111,8 +118,12 @@ def format_decode_table(rows: list[DecodeCostRow]) -> str:
         "MB/s",
         "messages/s",
         "peak, MB",
+        "mcap's reader, CPU s",
+        "MB/s",
+        "messages/s",
+        "peak, MB",
+        "decode / reader",
     )
-    head += ("mcap's reader, CPU s", "MB/s", "messages/s", "peak, MB", "decode / reader")
     return format_markdown_table(head, [_decode_cells(r) for r in rows])
 
 

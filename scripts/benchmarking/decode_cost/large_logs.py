@@ -1,4 +1,4 @@
-"""Logs of any size: a few scans and images, repeated with fresh stamps at a laboratory's rates."""
+"""Write large logs: a few scans and images, repeated with new stamps at typical rates."""
 
 import struct
 from collections.abc import Iterator
@@ -26,14 +26,14 @@ MAP_FRAME, BODY_NAMES = "mocap/world", ("mocap/robot", "mocap/board", "mocap/cyl
 LIDAR_NAMES, CAMERA_NAMES = ("front", "rear"), ("left", "right")
 MCS_HZ, SENSOR_HZ = 100, 10
 N_BEAMS, N_COLUMNS, IMAGE_SIZE_PX = 16, 1800, (1280, 1024)
-N_DISTINCT_MESSAGES = 8  # messages of a sensor that take turns
-STAMP_BYTE_OFFSET = 4  # byte of a serialised message that begins with a header
+N_DISTINCT_MESSAGES = 8  # messages of a sensor that are repeated in turn
+STAMP_BYTE_OFFSET = 4  # in a serialised message that begins with a header
 
 
 def write_large_log(path: Path, compression: str, min_content_bytes: float) -> int:
-    """Write an MCAP of `content` bytes of messages, or a little more; returns their number."""
+    """Write an MCAP with at least min_content_bytes of messages; return their number."""
     with path.open("wb") as stream:
-        # The checksum of a chunk takes longer than its bytes, and no reader here asks for it.
+        # Without checksums, which take longer than writing and which no reader here uses.
         kind = COMPRESSIONS[compression]
         writer = Writer(stream, chunk_size=1 << 20, compression=kind, enable_crcs=False)
         writer.start(profile="ros2", library="benchmark")
@@ -48,14 +48,14 @@ def write_large_log(path: Path, compression: str, min_content_bytes: float) -> i
 
 
 def large_log_sensors() -> dict[str, Any]:
-    """{sensor: what decode is told of it}."""
+    """Return the blocks of the sensors for the options of decode, by name."""
     lidars = {n: {"kind": "lidar", "topic": f"/{n}/points", "point_time": {}} for n in LIDAR_NAMES}
     cameras = {n: {"kind": "camera", "topic": f"/{n}/image_raw"} for n in CAMERA_NAMES}
     return lidars | cameras
 
 
 def _register_channels(writer: Writer) -> dict[str, int]:
-    """{topic: channel} of all that a log holds."""
+    """Register all topics of a log; return their channels."""
     kinds = {"camera": IMAGE_TYPE, "lidar": CLOUD_TYPE}
     types = {"/tf": TF_TYPE} | {s["topic"]: kinds[s["kind"]] for s in large_log_sensors().values()}
     out = {}
@@ -67,7 +67,7 @@ def _register_channels(writer: Writer) -> dict[str, int]:
 
 
 def _generate_messages() -> Iterator[tuple[int, str, bytes]]:
-    """(log time, ns, topic, bytes) without an end, by log time."""
+    """Yield (log time, ns; topic; bytes) endlessly, in the order of log time."""
     rng = np.random.default_rng(0)
     make = {"lidar": _make_cloud_bytes, "camera": _make_image_bytes}
     pools = {
@@ -96,7 +96,7 @@ def _serialize_message(message: Any) -> bytearray:
 
 
 def _make_cloud_bytes(rng: np.random.Generator, frame: str) -> bytearray:
-    """PointCloud2 of a turn in a square room."""
+    """Return a serialised PointCloud2 of one scan in a square room."""
     azimuth = np.linspace(-np.pi, np.pi, N_COLUMNS, endpoint=False)[:, None]
     elevation = np.radians(np.linspace(-15, 15, N_BEAMS))
     ray = np.stack(
@@ -112,7 +112,7 @@ def _make_cloud_bytes(rng: np.random.Generator, frame: str) -> bytearray:
 
 
 def _make_image_bytes(rng: np.random.Generator, frame: str) -> bytearray:
-    """Image of grey waves with a sensor's noise."""
+    """Return a serialised Image of grey waves with noise."""
     u, v = np.meshgrid(*map(np.arange, IMAGE_SIZE_PX))
     grey = 128 + 100 * np.sin(u / 90) * np.cos(v / 70) + rng.normal(0, 1.8, u.shape)
     spec = SimulatedCamera("", (), (), "", (), IMAGE_SIZE_PX, encoding="mono8")

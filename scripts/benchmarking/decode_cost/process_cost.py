@@ -1,4 +1,4 @@
-"""What the stages cost, and what the same bytes cost mcap's own reader."""
+"""Cost of the stages from their logs, and the time of mcap's own reader."""
 
 import os
 import platform
@@ -28,7 +28,7 @@ REPORTED_PACKAGES = (
 
 @dataclass(frozen=True)
 class StageCost:
-    """Of the jobs of one stage: how many, wall and CPU seconds in sum, the largest memory, MB."""
+    """Cost of all jobs of one stage: number, summed wall and CPU times, largest memory of a job."""
 
     n_jobs: int
     wall_s: float
@@ -38,11 +38,11 @@ class StageCost:
 
 @dataclass(frozen=True)
 class RunSpeed:
-    """One log to its extrinsics on an otherwise idle machine.
+    """Cost of one run from log to extrinsics.
 
-    about: sensors, placements and size of the log in words; costs: {stage: Cost}; wall: s from the
-    log to solution.json without Snakemake's own start; raw: CPU s of mcap's own reader on the same
-    bytes; memory: [(size of a log, memory of its decode)], MB, over all logs.
+    description: sensors, placements and size of the log in words; stage_costs: by stage; wall_s:
+    from the log to solution.json without the start of Snakemake; raw_cpu_s: CPU time of mcap's own
+    reader on the same log; decode_memory_mb: (size, peak memory of decode) of every log, MB.
     """
 
     description: str
@@ -53,22 +53,22 @@ class RunSpeed:
 
 
 def parse_stage_costs(log_texts: list[str]) -> dict[str, StageCost]:
-    """{stage: Cost} from the texts of the jobs' logs, in the order of the data's flow."""
-    found: dict[str, StageCost] = {}
+    """Sum the costs by stage from the texts of job logs, in the order of the pipeline."""
+    costs: dict[str, StageCost] = {}
     for text in log_texts:
         for name, wall, cpu, memory in COST_LINE.findall(text):
-            before = found.get(name, StageCost(0, 0.0, 0.0, 0))
-            found[name] = StageCost(
+            before = costs.get(name, StageCost(0, 0.0, 0.0, 0))
+            costs[name] = StageCost(
                 before.n_jobs + 1,
                 before.wall_s + float(wall),
                 before.cpu_s + float(cpu),
                 max(before.peak_memory_mb, int(memory)),
             )
-    return {name: found[name] for name in TIMED_STAGES if name in found}
+    return {name: costs[name] for name in TIMED_STAGES if name in costs}
 
 
 def time_raw_read(log_path: Path) -> float:
-    """CPU seconds in which mcap's own reader hands out every message of a log, undecoded."""
+    """Return the CPU seconds that mcap's own reader takes to read a log without decoding."""
     begin = time.process_time()
     with log_path.open("rb") as stream:
         for _ in make_reader(stream).iter_messages():
@@ -77,7 +77,7 @@ def time_raw_read(log_path: Path) -> float:
 
 
 def describe_machine() -> str:
-    """What it runs on, in words."""
+    """Describe processor, Python and packages in words."""
     cpuinfo = Path("/proc/cpuinfo")
     text = cpuinfo.read_text() if cpuinfo.exists() else ""
     model = re.search(r"^model name\s*: (.*)$", text, re.MULTILINE)
@@ -87,7 +87,7 @@ def describe_machine() -> str:
 
 
 def main() -> None:
-    """Read the log named on the command line; the stage's log line states the cost."""
+    """Read the log given on the command line; run_stage logs the cost."""
     time_raw_read(Path(sys.argv[1]))
 
 

@@ -1,1 +1,1 @@
-"""Damaged and hostile inputs."""
+"""Run the pipeline on random damaged and hostile inputs."""

@@ -1,11 +1,11 @@
-"""Damaged and hostile input, drawn from a seed: whatever it is, there is a result or a clear line.
+"""Run random damaged and hostile inputs: each must give a result or a clear error message.
 
-A case is a config that is loaded, or a log that is decoded, gated and read again as crop reads it.
-It ends as
-  result      nothing was found to be wrong;
-  warning     a result, and words on what is wrong;
-  refused     an InputError in one line, or several where it lists reasons;
-  broken      anything else: another exception, a file half written, words that need no reading.
+A case loads a config, or decodes and gates a log and reads its messages again, as crop does. It
+ends as
+  result      no fault was found;
+  warning     a result, and messages on the faults;
+  refused     an InputError with a clear message;
+  broken      anything else: another exception, an incomplete output, an unclear message, a timeout.
 """
 
 import contextlib
@@ -52,9 +52,9 @@ from calib.sensors.lidar.clouds.cloud_layout import CloudLayout
 from calib.sensors.sensor_models import sensor_model_from_config
 from calib.targets.target_shapes import target_from_config
 
-MAX_CASE_SECONDS = 20  # of one case, which takes some 50 ms
-MAX_ERROR_CHARACTERS = 2000  # characters of a line that refuses
-N_CASES_PER_TASK = 50  # cases of one task
+MAX_CASE_SECONDS = 20  # timeout; a case usually takes 50 ms
+MAX_ERROR_CHARACTERS = 2000  # a longer error message is not clear
+N_CASES_PER_TASK = 50
 CASE_ENDS = ("result", "warning", "refused", "broken")
 DECODE_OUTPUTS = ("mocap", "frames", "audit")
 GATE_MOCAP = {"pose_sigma": {"xyz_m": 2e-4, "rpy_deg": 0.02}, "max_gap_s": 0.05}
@@ -62,8 +62,11 @@ GATE_MOCAP = {"pose_sigma": {"xyz_m": 2e-4, "rpy_deg": 0.02}, "max_gap_s": 0.05}
 
 @dataclass(frozen=True)
 class FuzzOutcome:
-    """Of a case: its kind and number, how it ended, in which words, and its seconds; and the peak
-    memory of the process up to then, MB."""
+    """How one case ended.
+
+    end: one of CASE_ENDS; message: warnings, error or traceback; peak_memory_mb: of the process so
+    far.
+    """
 
     kind: str
     case_number: int
@@ -74,17 +77,17 @@ class FuzzOutcome:
 
 
 class CaseTimeoutError(BaseException):
-    """A case that takes too long: no `except Exception` may take it for a fault of the input."""
+    """A case takes too long. Not an Exception, so that no `except Exception` catches it."""
 
 
 @contextlib.contextmanager
 def limit_time(max_seconds: int) -> Iterator[None]:
-    """Raises Late instead of hanging."""
+    """Raise CaseTimeoutError in the block after max_seconds."""
 
-    def late(number: int, frame: Any) -> None:
+    def raise_timeout(number: int, frame: Any) -> None:
         raise CaseTimeoutError(f"not done after {max_seconds} s")
 
-    before = signal.signal(signal.SIGALRM, late)
+    before = signal.signal(signal.SIGALRM, raise_timeout)
     signal.alarm(max_seconds)
     try:
         yield
@@ -93,32 +96,32 @@ def limit_time(max_seconds: int) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-# --- cases: (folder, generator) -> words on what is wrong; they raise what they raise
+# --- cases: (folder, generator) -> warnings, "" if there are none; errors are not caught here
 
 
 def run_damaged_config(folder: Path, rng: np.random.Generator) -> str:
-    """A config that is loaded, and all that stages build of it."""
+    """Load a damaged config, and make all that the stages make from it."""
     for name, content in draw_config_files(rng).items():
         path = folder / "config" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
     stated = load_yaml(folder / "config/config.yaml")
-    settings, rigs, bodies = load_config(stated, folder / "config")
-    json.dumps([settings, rigs, bodies], sort_keys=True, allow_nan=False)
+    settings, rigs, targets = load_config(stated, folder / "config")
+    json.dumps([settings, rigs, targets], sort_keys=True, allow_nan=False)
     for name in rigs:
         for block in rigs[name]["sensors"].values():
             if "T_robot_sensor" in block:
                 pose_from_config(block["T_robot_sensor"])
             if "camera_info" not in block:
                 sensor_model_from_config(block)
-    for body in bodies.values():
-        pose_from_config(body["T_body_target"])
-        target_from_config(body)
+    for target in targets.values():
+        pose_from_config(target["T_body_target"])
+        target_from_config(target)
     return ""
 
 
 def run_damaged_log(folder: Path, rng: np.random.Generator) -> str:
-    """A good log in any container, some bytes of which are wrong or missing."""
+    """Decode a good log, in a random container, with damaged bytes."""
     names = SENSOR_GROUPS[rng.integers(len(SENSOR_GROUPS))]
     container = list(FUZZ_CONTAINERS)[rng.integers(len(FUZZ_CONTAINERS))]
     path = write_fuzz_log(container, folder / "log", make_fuzz_messages(names))
@@ -129,9 +132,9 @@ def run_damaged_log(folder: Path, rng: np.random.Generator) -> str:
 
 
 def run_hostile_log(folder: Path, rng: np.random.Generator) -> str:
-    """A log in any container whose messages say what no driver means."""
+    """Decode a log, in a random container, with meaningless values in its messages."""
     names = SENSOR_GROUPS[rng.integers(len(SENSOR_GROUPS))]
-    # The bag's writer knows no log time out of order, and fewer types.
+    # The writer of bags accepts only ordered log times, and fewer types.
     container = rng.choice([c for c in FUZZ_CONTAINERS if not c.startswith("bag")])
     path = write_fuzz_log(container, folder / "log", make_hostile_messages(names, rng))
     return decode_and_reread(folder, str(path), fuzz_decode_options(names))
@@ -145,44 +148,45 @@ CASE_KINDS = {
 
 
 def decode_and_reread(folder: Path, log: str, options: dict[str, Any]) -> str:
-    """What decode, gate and crop's reading take from a log, in words where something is wrong."""
+    """Decode and gate a log and read its messages again; return the warnings."""
     out = {k: folder / "out" / k for k in DECODE_OUTPUTS}
     arguments = [w for k, path in out.items() for w in (f"--{k}", str(path))]
     try:
         decode.main([*arguments, "--options", json.dumps(options | {"log": log})])
     finally:
-        left = sorted(p.name for p in (folder / "out").glob("*"))
-        assert left in ([], sorted(DECODE_OUTPUTS)), f"files left: {left}"
+        written = sorted(p.name for p in (folder / "out").glob("*"))
+        assert written in ([], sorted(DECODE_OUTPUTS)), f"files left: {written}"
     audit = read_json(out["audit"])
     _run_gate(folder, out)
-    again = _reread_messages(log, read_table(out["frames"], FRAMES_SCHEMA)[0], options, audit)
-    bad = [a["status"] for k in ("bodies", "sensors") for a in audit[k].values()]
-    return "; ".join([*audit["faults"], *(s["reason"] for s in bad if not s["ok"]), *again])
+    reread_faults = _reread_messages(
+        log, read_table(out["frames"], FRAMES_SCHEMA)[0], options, audit
+    )
+    statuses = [a["status"] for k in ("bodies", "sensors") for a in audit[k].values()]
+    reasons = [s["reason"] for s in statuses if not s["ok"]]
+    return "; ".join([*audit["faults"], *reasons, *reread_faults])
 
 
 def _run_gate(folder: Path, output_paths: dict[str, Path]) -> None:
-    target = folder / "out" / "placements"
-    about = {
+    options = {
+        "mocap": GATE_MOCAP,
         "gate": default_config_blocks()["gate"],
         "body": "robot",
         "targets": {"board": "board"},
     }
-    files = [
-        "--mocap",
-        str(output_paths["mocap"]),
-        "--audit",
-        str(output_paths["audit"]),
-        "--output",
-        str(target),
-    ]
-    gate.main([*files, "--options", json.dumps(about | {"mocap": GATE_MOCAP})])
+    files = {
+        "--mocap": output_paths["mocap"],
+        "--audit": output_paths["audit"],
+        "--output": folder / "out" / "placements",
+    }
+    arguments = [word for key, path in files.items() for word in (key, str(path))]
+    gate.main([*arguments, "--options", json.dumps(options)])
 
 
 def _reread_messages(
     log: str, frames: dict[str, np.ndarray], options: dict[str, Any], audit: dict[str, Any]
 ) -> list[str]:
-    """Faults of messages that are read once more, as crop reads them."""
-    opened, found = open_log(log), []
+    """Read the messages again, as crop does; return the errors."""
+    opened, errors = open_log(log), []
     for name, block in options["sensors"].items():
         if not audit["sensors"][name]["status"]["ok"]:
             continue
@@ -198,37 +202,42 @@ def _reread_messages(
                     )
                 )
             except InputError as error:
-                found.append(str(error))
-    return found
+                errors.append(str(error))
+    return errors
 
 
 def _message_reader(block: dict[str, Any], sensor_audit: dict[str, Any]) -> Callable[[Any], Any]:
-    """How crop reads the messages of a sensor (of its audit) whose lens may not be known."""
+    """Return the function with which crop reads the messages of a sensor."""
     if block["kind"] == "camera":
         return read_bgr
     layout = CloudLayout.from_dict(sensor_audit["layout"])
     return lambda message: cloud_messages.read_points(message, layout)
 
 
-# --- and their ends
+# --- running the cases
 
 
 def run_fuzz_case(case_number: int, seed: int) -> FuzzOutcome:
-    """The Outcome of the case of a number; the same for the same seed."""
+    """Run one case; the same number and seed give the same case."""
     kind = list(CASE_KINDS)[case_number % len(CASE_KINDS)]
     rng, begin = np.random.default_rng([seed, case_number]), time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
-        end, words = _run_until_end(CASE_KINDS[kind], Path(folder), rng)
-        words = words.replace(folder, "")
+        end, message = _run_until_end(CASE_KINDS[kind], Path(folder), rng)
+        message = message.replace(folder, "")
     return FuzzOutcome(
-        kind, case_number, end, words, time.perf_counter() - begin, read_peak_memory()
+        kind=kind,
+        case_number=case_number,
+        end=end,
+        message=message,
+        seconds=time.perf_counter() - begin,
+        peak_memory_mb=read_peak_memory(),
     )
 
 
 def read_peak_memory() -> float:
-    """Peak memory of this process, MB; getrusage would tell a larger one of its parent."""
-    told = Path("/proc/self/status").read_text()
-    match = re.search(r"VmHWM:\s+(\d+) kB", told)
+    """Return the peak memory of this process, MB; getrusage may return that of its parent."""
+    status = Path("/proc/self/status").read_text()
+    match = re.search(r"VmHWM:\s+(\d+) kB", status)
     assert match, "no VmHWM in /proc/self/status"
     return int(match[1]) / 1024
 
@@ -238,25 +247,26 @@ def _run_until_end(
     folder: Path,
     rng: np.random.Generator,
 ) -> tuple[str, str]:
-    """(end, words) of a case."""
+    """Run a case; return its end and message."""
     try:
         with limit_time(MAX_CASE_SECONDS):
-            words = run_case(folder, rng)
+            warnings = run_case(folder, rng)
     except InputError as error:
-        words = str(error)
-        clear = words.strip() and len(words) <= MAX_ERROR_CHARACTERS and "Traceback" not in words
-        return (
-            ("refused", words)
-            if clear
-            else ("broken", f"no clear line: {words[:MAX_ERROR_CHARACTERS]}")
-        )
+        return _classify_input_error(str(error))
     except (Exception, CaseTimeoutError):
         return "broken", traceback.format_exc()
-    return ("warning" if words else "result"), words
+    return ("warning" if warnings else "result"), warnings
+
+
+def _classify_input_error(message: str) -> tuple[str, str]:
+    """Return end and message of a case with an InputError: broken if its message is not clear."""
+    if message.strip() and len(message) <= MAX_ERROR_CHARACTERS and "Traceback" not in message:
+        return "refused", message
+    return "broken", f"no clear error message: {message[:MAX_ERROR_CHARACTERS]}"
 
 
 def run_fuzz_batch(case_numbers: range, seed: int) -> list[FuzzOutcome]:
-    """Outcomes of cases in this process, quietly."""
+    """Run cases in this process, without log output."""
     logging.disable(logging.CRITICAL)
     try:
         return [run_fuzz_case(number, seed) for number in case_numbers]
@@ -265,7 +275,7 @@ def run_fuzz_batch(case_numbers: range, seed: int) -> list[FuzzOutcome]:
 
 
 def run_fuzz_campaign(n_cases: int, seed: int, n_cores: int) -> list[FuzzOutcome]:
-    """Outcomes of so many cases, shared out among processes; the same for any number."""
+    """Run n_cases in n_cores processes; the result does not depend on n_cores."""
     os.environ["OMP_NUM_THREADS"] = "1"
     spans = [
         range(i, min(i + N_CASES_PER_TASK, n_cases)) for i in range(0, n_cases, N_CASES_PER_TASK)

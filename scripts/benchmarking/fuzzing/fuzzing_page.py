@@ -1,4 +1,4 @@
-"""Report what became of damaged and hostile input, as Markdown."""
+"""The section of the benchmark page on damaged and hostile input."""
 
 from collections import Counter
 
@@ -7,22 +7,22 @@ from benchmarking.fuzzing.case_runner import CASE_ENDS, CASE_KINDS, FuzzOutcome
 from benchmarking.fuzzing.small_recordings import FUZZ_CONTAINERS
 from benchmarking.page.markdown import PageSection, format_markdown_table
 
-MAX_MEMORY_MB = 500  # MB
+MAX_MEMORY_MB = 500  # goal
 
-FUZZ_TEMPLATE = """{count} cases drawn from a seed: a small log of poses, clouds and images in one
-of {containers} containers, some of whose bytes are wrong or missing (*damaged log*) or whose
-messages say what no driver means (*hostile log*); a folder of configs with other values, keys or
-bytes (*config*). A log is decoded, gated and read again as crop reads it.
+FUZZ_TEMPLATE = """{count} random cases of three kinds. *damaged log*: a small log of poses, clouds
+and images, in one of {containers} containers, with wrong or missing bytes; *hostile log*: the same
+with meaningless values in its messages; *config*: a config folder with wrong values, keys or bytes.
+A log is decoded and gated, and its messages are read again, as crop does.
 
 {table}
 
-* *result*: nothing was found to be wrong; *warning*: a result, and words on what is wrong;
-  *refused*: one clear error; *broken*: a traceback, a file half written, or no end after
-  {most} s. The slowest case took {slowest:.1f} s, and no process more than {memory:.0f} MB."""
+* *result*: no fault was found; *warning*: a result, and messages on the faults; *refused*: one
+  clear error message; *broken*: a traceback, an incomplete file, or no end after {timeout} s. The
+  slowest case took {slowest:.1f} s, and no process more than {memory:.0f} MB."""
 
 
 def build_fuzz_section(outcomes: list[FuzzOutcome]) -> PageSection:
-    """The Section on fuzz.Outcomes."""
+    """Return the section of the page on damaged input."""
     ends = Counter((o.kind, o.end) for o in outcomes)
     rows = [
         [
@@ -36,7 +36,7 @@ def build_fuzz_section(outcomes: list[FuzzOutcome]) -> PageSection:
         count=len(outcomes),
         containers=len(FUZZ_CONTAINERS),
         table=format_markdown_table(("input", "cases", *CASE_ENDS), rows),
-        most=case_runner.MAX_CASE_SECONDS,
+        timeout=case_runner.MAX_CASE_SECONDS,
         slowest=max(o.seconds for o in outcomes),
         memory=max(o.peak_memory_mb for o in outcomes),
     )
@@ -44,7 +44,7 @@ def build_fuzz_section(outcomes: list[FuzzOutcome]) -> PageSection:
 
 
 def check_fuzz_goals(outcomes: list[FuzzOutcome]) -> list[str]:
-    """Sentences on what does not hold for all cases."""
+    """Return a sentence for each goal that the cases miss."""
     broken = [o for o in outcomes if o.end == "broken"]
     memory = max(o.peak_memory_mb for o in outcomes)
     out = []

@@ -1,4 +1,4 @@
-"""Logs whose bytes are as they should be, and whose messages say what no driver means."""
+"""Messages that are correctly serialised, but with meaningless values in their fields."""
 
 import copy
 from dataclasses import is_dataclass
@@ -23,13 +23,13 @@ HOSTILE_TEXTS = (
 def make_hostile_messages(
     sensor_names: tuple[str, ...], rng: np.random.Generator
 ) -> list[RosMessage]:
-    """Rows of a recording of sensors, with hostile values in the fields of some messages."""
+    """Return the messages of a recording, with hostile values in the fields of some of them."""
     out = copy.deepcopy(make_fuzz_messages(sensor_names))
     for number in rng.choice(len(out), int(rng.integers(1, 5)), replace=False):
         log_t, topic, name, message = out[number]
         for _ in range(rng.integers(1, 4)):
             _damage_field(message, rng)
-        # The same in all of its kind: one message alone is left out, and no more is seen of it.
+        # Sometimes in all messages of the topic, because the pipeline skips a single bad message.
         if rng.random() < 0.3:
             out = [RosMessage(*r[:3], message) if r[1] == topic else r for r in out]
         else:
@@ -45,19 +45,22 @@ def _draw_log_time(log_time_ns: int, rng: np.random.Generator) -> int:
 
 def _damage_field(message: Any, rng: np.random.Generator) -> None:
     """Put a hostile value into one field of a message, at any depth."""
-    known = ROS2_TYPES.fielddefs[message.__msgtype__][1]
-    name, about = known[rng.integers(len(known))]
+    fields = ROS2_TYPES.fielddefs[message.__msgtype__][1]
+    name, definition = fields[rng.integers(len(fields))]
     value = getattr(message, name)
     if is_dataclass(value):
         return _damage_field(value, rng)
     if isinstance(value, list) and value and is_dataclass(value[0]) and rng.random() < 0.7:
         return _damage_field(value[rng.integers(len(value))], rng)
-    setattr(message, name, _draw_hostile_value(value, about, rng))
+    setattr(message, name, _draw_hostile_value(value, definition, rng))
     return None
 
 
 def _draw_hostile_value(value: Any, field_definition: Any, rng: np.random.Generator) -> Any:
-    """A value of the same type as this; field_definition: how rosbags describes the field."""
+    """Return a hostile value of the same type.
+
+    field_definition: the description of the field by rosbags.
+    """
     if isinstance(value, bool):
         return not value
     if isinstance(value, str):
@@ -72,7 +75,7 @@ def _draw_hostile_value(value: Any, field_definition: Any, rng: np.random.Genera
 def _draw_hostile_array(
     value: np.ndarray, rng: np.random.Generator, has_fixed_length: bool
 ) -> np.ndarray:
-    """An array of the same type, and of the same length where that is fixed."""
+    """Return a hostile array of the same type, and of the same length if that is fixed."""
     with np.errstate(over="ignore", invalid="ignore"):
         odd = np.array(rng.choice(HOSTILE_NUMBERS["float"], max(1, len(value)))).astype(value.dtype)
     if has_fixed_length or rng.random() < 0.4:
@@ -81,7 +84,7 @@ def _draw_hostile_array(
 
 
 def _draw_hostile_number(ros_type: str, rng: np.random.Generator) -> Any:
-    """A number that fits a type of ROS."""
+    """Return a hostile number in the range of a ROS type."""
     if ros_type.startswith("float"):
         value = HOSTILE_NUMBERS["float"][rng.integers(len(HOSTILE_NUMBERS["float"]))]
         return float(np.float32(np.clip(value, -3e38, 3e38))) if ros_type == "float32" else value

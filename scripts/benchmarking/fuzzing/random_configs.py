@@ -1,4 +1,4 @@
-"""Configs that people, editors and converters may leave behind, drawn at random from good ones."""
+"""Random damage to good configs, as people, editors and converters may cause it."""
 
 import copy
 from typing import Any
@@ -74,13 +74,13 @@ HOSTILE_YAML = (
 
 
 def draw_config_files(rng: np.random.Generator) -> dict[str, bytes]:
-    """Bytes of a config's files by path, of which one or two are not as they should be."""
+    """Return the bytes of config files by path; one or two of them are damaged."""
     texts = {path: copy.deepcopy(content) for path, content in VALID_FILES.items()}
-    out, spoilt = {}, rng.choice(list(texts), int(rng.integers(1, 3)), replace=False)
+    out, damaged_paths = {}, rng.choice(list(texts), int(rng.integers(1, 3)), replace=False)
     for path, content in texts.items():
-        if path in spoilt:
-            way = FILE_DAMAGES[rng.choice(len(FILE_DAMAGES), p=FILE_DAMAGE_PROBABILITIES)]
-            out[path] = way(content, rng)
+        if path in damaged_paths:
+            damage = FILE_DAMAGES[rng.choice(len(FILE_DAMAGES), p=FILE_DAMAGE_PROBABILITIES)]
+            out[path] = damage(content, rng)
         else:
             out[path] = _to_yaml(content)
     return out
@@ -91,7 +91,7 @@ def _to_yaml(content: Any) -> bytes:
 
 
 def _change_values(content: Any, rng: np.random.Generator) -> bytes:
-    """Some values, or keys, others than they should be."""
+    """Change or remove some values or keys."""
     for _ in range(rng.integers(1, 4)):
         parent, key = _draw_location(content, rng)
         if isinstance(parent, dict) and rng.random() < 0.15:
@@ -108,18 +108,20 @@ def _change_values(content: Any, rng: np.random.Generator) -> bytes:
 
 
 def _draw_location(content: Any, rng: np.random.Generator) -> tuple[Any, Any]:
-    """(container, key) of any value at any depth."""
-    places, todo = [], [content]
+    """Return (container, key) of a random value at any depth."""
+    locations, todo = [], [content]
     while todo:
-        here = todo.pop()
-        keys = here if isinstance(here, dict) else range(len(here))
-        places += [(here, key) for key in keys]
-        todo += [here[key] for key in keys if isinstance(here[key], dict | list) and here[key]]
-    return places[rng.integers(len(places))]
+        parent = todo.pop()
+        keys = parent if isinstance(parent, dict) else range(len(parent))
+        locations += [(parent, key) for key in keys]
+        todo += [
+            parent[key] for key in keys if isinstance(parent[key], dict | list) and parent[key]
+        ]
+    return locations[rng.integers(len(locations))]
 
 
 def _draw_similar_value(value: Any, rng: np.random.Generator) -> Any:
-    """Another value of the same kind; a list or mapping with a part less or twice."""
+    """Return another value of the same kind, or a list or mapping with an item less or more."""
     if isinstance(value, bool):
         return not value
     if isinstance(value, int | float):
@@ -132,7 +134,7 @@ def _draw_similar_value(value: Any, rng: np.random.Generator) -> Any:
 
 
 def _draw_any_value(rng: np.random.Generator, depth: int) -> Any:
-    """Anything that YAML can write; hashable at depth 0."""
+    """Return any value that YAML can write; hashable at depth 0."""
     drawn = rng.integers(8 if depth else 5)
     if drawn >= 6:
         return [_draw_any_value(rng, depth - 1) for _ in range(rng.integers(5))]
@@ -147,18 +149,18 @@ def _draw_any_value(rng: np.random.Generator, depth: int) -> Any:
 
 
 def _damage_file_bytes(content: Any, rng: np.random.Generator) -> bytes:
-    """Damaged on its way."""
+    """Damage the bytes of the file."""
     return bytes(BYTE_DAMAGES[rng.integers(len(BYTE_DAMAGES))](bytearray(_to_yaml(content)), rng))
 
 
 def _insert_hostile_yaml(content: Any, rng: np.random.Generator) -> bytes:
-    """Instead of it, or after it, what makes readers of YAML stumble."""
+    """Replace the content with, or append, YAML that is difficult to read."""
     trick = HOSTILE_YAML[rng.integers(len(HOSTILE_YAML))].encode()
     return trick if rng.random() < 0.5 else _to_yaml(content) + b"\nmore:\n" + b"  " + trick
 
 
 def _draw_random_bytes(content: Any, rng: np.random.Generator) -> bytes:
-    """Nothing but noise, printable or not."""
+    """Return random bytes, printable or not."""
     drawn = rng.integers(*((32, 127) if rng.random() < 0.5 else (0, 256)), rng.integers(300))
     return bytes(drawn.astype(np.uint8))
 

@@ -1,4 +1,4 @@
-"""A small recording of every kind of message that decode reads, in every container."""
+"""Small recordings with all message types that decode reads, in all containers."""
 
 from collections.abc import Iterable
 from functools import cache
@@ -42,7 +42,7 @@ ROS1_TYPES = get_typestore(Stores.ROS1_NOETIC)
 N_POSES = 16
 CHUNK_BYTES = 4000
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
-# What is recorded together, for a log of everything would take twice as long to read.
+# Sensors of one log; a log with all of them would take twice as long to read.
 SENSOR_GROUPS = (("camera", "lidar"), ("compressed", "livox"), ("scanner",))
 FUZZ_SENSORS = {
     "camera": {"kind": "camera", "topic": "/image", "camera_info": "/camera_info"},
@@ -128,13 +128,13 @@ SENSOR_TOPICS = {
 
 
 def fuzz_decode_options(sensor_names: tuple[str, ...]) -> dict[str, Any]:
-    """What decode is given for a log of the sensors so named, but for the log."""
+    """Return the options of decode for a log of these sensors, without the path of the log."""
     return COMMON_DECODE_OPTIONS | {"sensors": {name: FUZZ_SENSORS[name] for name in sensor_names}}
 
 
 @cache
 def make_fuzz_messages(sensor_names: tuple[str, ...]) -> list[RosMessage]:
-    """(log time, ns; topic; type; message) of a recording of the sensors so named, by log time."""
+    """Return the messages of a recording of these sensors, in the order of log time."""
     out: list[RosMessage] = []
     wanted = {
         FUZZ_SENSORS[n][k]
@@ -205,7 +205,7 @@ def _serialize_ros1(name: str, message: Any) -> bytes:
 
 
 BagCompression = BagWriter.CompressionFormat
-# Each writes rows below a folder and gives the file that holds them.
+# Each function writes messages into a folder and returns the file that contains them.
 FUZZ_CONTAINERS = {
     "mcap, zstd": lambda f, rows: _write_mcap(f / "a.mcap", rows, compression=CompressionType.ZSTD),
     "mcap, lz4": lambda f, rows: _write_mcap(f / "a.mcap", rows, compression=CompressionType.LZ4),
@@ -225,6 +225,6 @@ FUZZ_CONTAINERS = {
 
 
 def write_fuzz_log(container: str, folder: Path, messages: Iterable[RosMessage]) -> Path:
-    """The file that holds rows in a container, below an empty folder."""
+    """Write messages in a container into an empty folder; return the file that contains them."""
     Path(folder).mkdir(parents=True, exist_ok=True)
     return FUZZ_CONTAINERS[container](Path(folder), messages)

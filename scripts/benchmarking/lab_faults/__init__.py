@@ -1,1 +1,1 @@
-"""Faults of laboratories, with the options that correct them on and off."""
+"""Calibrate with common faults of labs, with the options that correct them on and off."""

@@ -1,4 +1,4 @@
-"""What labs get wrong, alone and all together: what is found of it, and what it costs the poses."""
+"""Common faults of labs, one by one and together: how well they are estimated, and pose errors."""
 
 import json
 from collections.abc import Sequence
@@ -16,12 +16,12 @@ LAB_ARGUMENTS = (
     "--range-noise-m 0.005 --image-noise 1.8 --blur-px 0.7 --mcs-noise-m 0.0001 "
     "--mcs-noise-deg 0.01 --mcs-bias-m 0.00005 --mcs-bias-deg 0.005"
 )
-FOCAL_LENGTH_FACTOR = 1.005  # focal length as the config states it, over the true one
+FOCAL_LENGTH_FACTOR = 1.005  # focal length in the config over the true one
 TIME_OFFSET_ARGUMENTS = "--mcs-late-s 0.025"
 MOUNT_ARGUMENTS = "--mount-m 0.006 --mount-deg 1"
 BEAM_BIAS_ARGUMENTS = "--beam-bias-m 0.01"
 NO_FAULT, ALL_FAULTS = "none", "all"
-LAB_FAULTS = {  # title, more arguments of simulate.py, whether the lens is stated wrong
+LAB_FAULTS = {  # title, additional arguments of simulate.py, whether the config's lens is wrong
     NO_FAULT: ("none", "", False),
     "clock": ("MCS stamps 25 ms late", TIME_OFFSET_ARGUMENTS, False),
     "clock far": ("MCS stamps 200 ms late", "--mcs-late-s 0.2", False),
@@ -30,14 +30,14 @@ LAB_FAULTS = {  # title, more arguments of simulate.py, whether the lens is stat
         f"{TIME_OFFSET_ARGUMENTS} --mcs-drift-ppm 200",
         False,
     ),
-    "mount": ("targets 6 mm and 1° from where they are said to be", MOUNT_ARGUMENTS, False),
+    "mount": ("targets 6 mm and 1° off their mount in the config", MOUNT_ARGUMENTS, False),
     "clock and mount": (
         "MCS stamps 25 ms late, targets 6 mm and 1° off",
         f"{TIME_OFFSET_ARGUMENTS} {MOUNT_ARGUMENTS}",
         False,
     ),
-    "lens": ("focal length stated 0.5 % too long", "", True),
-    "beams": ("beams of the lidar off by 10 mm, one by one", BEAM_BIAS_ARGUMENTS, False),
+    "lens": ("focal length in the config 0.5 % too long", "", True),
+    "beams": ("range bias of 10 mm in each lidar beam", BEAM_BIAS_ARGUMENTS, False),
     ALL_FAULTS: (
         "clock, mount, lens and beams",
         f"{TIME_OFFSET_ARGUMENTS} {MOUNT_ARGUMENTS} {BEAM_BIAS_ARGUMENTS}",
@@ -55,9 +55,11 @@ DISABLED_ESTIMATES = {
 
 @dataclass(frozen=True)
 class LabOutcome:
-    """What came of one log: errors {sensor: (mm, deg)} and σ likewise, nees {sensor: over 6}; what
-    was found {quantity: (error, σ)} of the faults, in ms, ppm, mm, deg, px; verdict, and its
-    first reason."""
+    """Result of one log.
+
+    errors, sigma: (mm, deg) by sensor; nees_ratio: NEES/6 by sensor; fault_errors: (error, σ) of
+    the estimated faults by quantity, in ms, ppm, mm, ° or px; first_finding: of the verdict, or "".
+    """
 
     errors: dict[str, tuple[float, float]]
     sigma: dict[str, tuple[float, float]]
@@ -68,12 +70,12 @@ class LabOutcome:
 
 
 def lab_log_name(fault: str, seed: int) -> str:
-    """Of a simulated log."""
+    """Return the folder name of a simulated log."""
     return f"lab-{fault.replace(' ', '-')}-s{seed}"
 
 
 def plan_lab_simulations(faults: Sequence[str], seeds: Sequence[int]) -> dict[str, list[str]]:
-    """{folder: arguments of simulate.py}."""
+    """Return the arguments of simulate.py by folder."""
     return {
         lab_log_name(fault, seed): f"{LAB_ARGUMENTS} --seed {seed} {LAB_FAULTS[fault][1]}".split()
         for fault in faults
@@ -82,12 +84,12 @@ def plan_lab_simulations(faults: Sequence[str], seeds: Sequence[int]) -> dict[st
 
 
 def lab_estimate_options(fault: str, has_options_on: bool) -> dict[str, Any]:
-    """Block solve.estimate of a fault's config, with all that it asks for on, or all off."""
+    """Return block solve.estimate of a config, with the corrections of a fault on, or all off."""
     return {"intrinsics": LAB_FAULTS[fault][2]} if has_options_on else DISABLED_ESTIMATES
 
 
 def make_lab_rig(fault: str, rig_config: dict[str, Any]) -> dict[str, Any]:
-    """The simulated rig's config, without the truth, as the fault's lab states it."""
+    """Return the simulated rig config without the truth, with a wrong lens if the fault has one."""
     sensors = {n: dict(s) for n, s in rig_config["sensors"].items()}
     if LAB_FAULTS[fault][2]:
         fx, fy, *rest = sensors["camera"]["params"]
@@ -96,10 +98,13 @@ def make_lab_rig(fault: str, rig_config: dict[str, Any]) -> dict[str, Any]:
 
 
 def read_lab_outcome(results: Path, log: Path) -> LabOutcome:
-    """The Outcome of results/<rig> of a log's folder."""
+    """Read the result of one log.
+
+    results: the folder results/<rig>; log: the simulated log, with truth.json.
+    """
     truth = json.loads((log / "truth.json").read_text())
     calibration = json.loads((results / "calibration.json").read_text())
-    reasons = json.loads((results / "verdict.json").read_text())["findings"]
+    findings = json.loads((results / "verdict.json").read_text())["findings"]
     solved = {n: s for n, s in calibration["sensors"].items() if s["T_robot_sensor"]}
     poses = {
         n: (
@@ -120,7 +125,7 @@ def read_lab_outcome(results: Path, log: Path) -> LabOutcome:
             + _lens_errors(solved, truth)
         ),
         verdict=calibration["verdict"],
-        first_finding=reasons[0]["text"] if reasons else "",
+        first_finding=findings[0]["text"] if findings else "",
     )
 
 
@@ -132,7 +137,7 @@ def _clock_errors(
         for session in (sensor["clock_drift"] or {}).values():
             drift = session["drift_ppm"]
             out.append((f"drift of {name}, ppm", (drift["value"] - ppm, drift["sigma"])))
-        # Where the offset grows it is told in the middle of the session, of which truth says less.
+        # With drift, the offset is that of the middle of the session, which truth.json lacks.
         if sensor["time_offset_s"] and not ppm:
             found = sensor["time_offset_s"]
             off = 1e3 * (found["value"] - late), 1e3 * found["sigma"]
@@ -149,7 +154,7 @@ def _mount_errors(
             T = np.array(truth["targets"][name]["T_body_target"]["matrix"])
             off = se3_log(invert_pose(T) @ np.array(found["T_body_target"]["matrix"])).reshape(2, 3)
             sigma = np.sqrt(np.diag(found["covariance"])).reshape(2, 3)
-            if name == "cylinder":  # about its own axis nothing tells it, and nothing needs it
+            if name == "cylinder":  # a rotation about its axis cannot be seen
                 off[1, 0] = sigma[1, 0] = 0.0
             for i, (unit, scale) in enumerate((("mm", 1e3), ("°", np.degrees(1.0)))):
                 sizes = scale * np.linalg.norm(off[i]), scale * np.linalg.norm(sigma[i])

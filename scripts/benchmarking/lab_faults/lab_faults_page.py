@@ -1,4 +1,4 @@
-"""The benchmark's section on what labs get wrong, as Markdown."""
+"""The section of the benchmark page on common faults of labs."""
 
 import numpy as np
 
@@ -14,13 +14,16 @@ from benchmarking.page.markdown import (
 FAULT_COLUMNS = ("fault", "error", "over clean", "σ reported over clean", "NEES/6", "verdict")
 QUANTITY_COLUMNS = ("fault", "quantity", "rms error", "σ reported", "goal")
 DISABLED_COLUMNS = ("fault", "error", "over clean", "verdict", "first reason")
-MAX_ERROR_RATIO = 1.2  # times the error of the clean log that a fault may leave
-QUANTITY_GOALS = {"ms": 0.5, "mm": 0.5, "°": 0.05}  # design's, of offsets and mounts
-LARGE_OFFSET_GOAL_MS = 1.0  # ms, of an offset of 200 ms
+MAX_ERROR_RATIO = 1.2  # goal: pose error with a fault over that of the log without faults
+QUANTITY_GOALS = {"ms": 0.5, "mm": 0.5, "°": 0.05}  # errors of time offsets and target mounts
+LARGE_OFFSET_GOAL_MS = 1.0  # for a time offset of 200 ms
 
 
 def build_lab_section(outcomes: dict[tuple[str, bool], list[LabOutcome]]) -> PageSection:
-    """The Section on {(fault, on): [lab.Outcome] of its logs}."""
+    """Return the section of the page on faults of labs.
+
+    outcomes: of the logs of a fault, by (fault, whether the corrections are on).
+    """
     faults = list(dict.fromkeys(fault for fault, _ in outcomes))
     count = len(next(iter(outcomes.values())))
     parts = {
@@ -37,13 +40,14 @@ def build_lab_section(outcomes: dict[tuple[str, bool], list[LabOutcome]]) -> Pag
         "cost": MAX_ERROR_RATIO,
     }
     missed = [s for fault in faults for s in check_lab_goals(outcomes, fault)]
-    return PageSection("What labs get wrong", LAB_TEMPLATE.format(**parts), missed)
+    return PageSection("Faults of labs", LAB_TEMPLATE.format(**parts), missed)
 
 
 def compute_lab_rms(outcomes: list[LabOutcome], field_name: str) -> tuple[float, float]:
-    """(mm, deg) over all sensors and logs of what = errors or sigma."""
+    """Return the RMS (mm, deg) over all sensors and logs of a field, `errors` or `sigma`."""
     values = np.array([v for o in outcomes for v in getattr(o, field_name).values()])
-    return tuple(np.sqrt(np.mean(values**2, axis=0)))
+    mm, deg = np.sqrt(np.mean(values**2, axis=0))
+    return mm, deg
 
 
 def _fault_row(outcomes: dict[tuple[str, bool], list[LabOutcome]], fault: str) -> list[str]:
@@ -63,7 +67,7 @@ def _join_verdicts(outcomes: list[LabOutcome]) -> str:
 
 
 def compute_quantity_rms(outcomes: list[LabOutcome]) -> dict[str, tuple[float, float]]:
-    """{quantity: (rms error, rms σ)} over the logs of a fault."""
+    """Return the RMS error and RMS σ over the logs of a fault, by quantity."""
     names = sorted({q for o in outcomes for q in o.fault_errors})
     return {
         q: tuple(
@@ -78,7 +82,7 @@ def compute_quantity_rms(outcomes: list[LabOutcome]) -> dict[str, tuple[float, f
 
 
 def find_quantity_goal(fault: str, quantity: str) -> float | None:
-    """The goal of a quantity, in its own unit, or None."""
+    """Return the goal of a quantity in its unit, None if it has no goal."""
     unit = quantity.rsplit(", ", 1)[1]
     return (
         LARGE_OFFSET_GOAL_MS if (fault, unit) == ("clock far", "ms") else QUANTITY_GOALS.get(unit)
@@ -112,41 +116,41 @@ def _disabled_row(outcomes: dict[tuple[str, bool], list[LabOutcome]], fault: str
 
 
 def check_lab_goals(outcomes: dict[tuple[str, bool], list[LabOutcome]], fault: str) -> list[str]:
-    """Sentences on what one fault leaves beyond the goals."""
+    """Return a sentence for each goal that is missed with a fault."""
     title, out = LAB_FAULTS[fault][0], []
     own, clean = outcomes[fault, True], outcomes[NO_FAULT, True]
-    over = np.divide(compute_lab_rms(own, "errors"), compute_lab_rms(clean, "errors"))
-    if over.max() > MAX_ERROR_RATIO:
+    ratio = np.divide(compute_lab_rms(own, "errors"), compute_lab_rms(clean, "errors"))
+    if ratio.max() > MAX_ERROR_RATIO:
         out.append(
-            f"{title}: errors are {format_two_digits(over.max())} × those of the clean log, "
+            f"{title}: errors are {format_two_digits(ratio.max())} × those of the clean log, "
             f"goal {MAX_ERROR_RATIO}"
         )
     for q, (error, _) in compute_quantity_rms(own).items():
         goal = find_quantity_goal(fault, q)
         if goal and not error <= goal:
             out.append(f"{title}: {q}: {format_two_digits(error)}, goal {format_two_digits(goal)}")
-    quiet = [o for o in outcomes[fault, False] if o.verdict == "pass"]
-    if fault != NO_FAULT and quiet:
-        out.append(f"{title}: with the options off {len(quiet)} of the logs pass")
+    passed = [o for o in outcomes[fault, False] if o.verdict == "pass"]
+    if fault != NO_FAULT and passed:
+        out.append(f"{title}: with the options off, {len(passed)} of the logs pass")
     return out
 
 
 LAB_TEMPLATE = """\
-{logs} per line of a lidar and a camera, a board and a cylinder, 12 placements, through
-the whole pipeline, with the noise of a laboratory. The same seed makes the same rig, noise and
-placements, so that a line differs from the first by its fault alone.
+Each line is the result of {logs} through the whole pipeline: a lidar and a camera, a board
+and a cylinder, 12 placements, typical noise. All lines have the same rigs, noise and placements, so
+a line differs from the first only by its fault.
 
 {on}
 
-* *error*, *σ reported*: root mean square over sensors and logs; *over clean*: divided by those of
-  the first line, goal {cost} for errors. Where σ grows by more, the fault costs information:
-  numbers that nobody knew beforehand are estimated from the same data.
+* *error*, *σ reported*: RMS over sensors and logs; *over clean*: divided by that of the first line,
+  goal {cost} for errors. σ may grow by more, because more unknowns are estimated from the same
+  data.
 
-What was found of the faults:
+Errors of the estimated faults:
 
 {found}
 
-The same logs with `time_offset`, `target_alignment`, `intrinsics` and `beams` of `solve.estimate`
-all `false`:
+The same logs with `time_offset`, `target_alignment`, `intrinsics` and `lidar_corrections` of
+`solve.estimate` all `false`:
 
 {off}"""

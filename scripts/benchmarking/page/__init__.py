@@ -1,1 +1,1 @@
-"""The page docs/benchmark.md and its chart."""
+"""Render docs/benchmark.md and its chart."""

@@ -1,7 +1,6 @@
-"""The benchmark's tables and what they fall short of, as Markdown; all words follow the numbers."""
+"""Render docs/benchmark.md: the tables of the benchmark and the goals that it misses."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -32,7 +31,11 @@ from benchmarking.page.statistics_tables import (
     format_full_run_table,
 )
 
-ACCURACY_COLUMNS: tuple[str, ...] = (
+# Statistics by (row key, number of placements), coverage results, full runs by sensor.
+DrawResults = tuple[
+    dict[tuple[str, int], DrawStatistics], list[CoverageResult], dict[str, DrawStatistics]
+]
+ACCURACY_COLUMNS = (
     "case",
     "N",
     "method",
@@ -41,20 +44,22 @@ ACCURACY_COLUMNS: tuple[str, ...] = (
     "reference",
     "goal",
     "error / goal",
+    "paper",
+    "C++",
 )
-ACCURACY_COLUMNS += ("paper", "C++")
 SPEED_GOALS = {"wall": 14.0, "solve": 1.0, "memory": 600}  # s, s, MB
-MAX_CPU_RATIO = 1.5  # time of decode over that of mcap's own reader
+MAX_CPU_RATIO = 1.5  # goal: CPU time of decode over that of mcap's own reader
 
 
 def format_accuracy_table(lines: list[AccuracyLine]) -> str:
-    """The accuracy table of Lines."""
+    """Return the accuracy table."""
     return format_markdown_table(ACCURACY_COLUMNS, [format_accuracy_row(line) for line in lines])
 
 
 def format_accuracy_row(line: AccuracyLine) -> list[str]:
-    row, held = line.row, line.method == DEFAULT_METHOD and line.row.is_noise_free
-    goal = find_accuracy_goal(row, line.n_placements, line) if held else None
+    """Return the cells of one line of the accuracy table."""
+    row, has_goal = line.row, line.method == DEFAULT_METHOD and line.row.is_noise_free
+    goal = find_accuracy_goal(row, line.n_placements, line) if has_goal else None
     return [
         row.title,
         str(line.n_placements),
@@ -70,21 +75,23 @@ def format_accuracy_row(line: AccuracyLine) -> list[str]:
 
 
 def check_line_goals(line: AccuracyLine) -> list[str]:
-    """Sentences on what a line does not reach; only the default method is held to the goals, and
-    one log alone only where its data carry no noise."""
+    """Return a sentence for each goal that a line misses.
+
+    Only the default method has goals, and for a single log only if its data have no noise.
+    """
     if line.method != DEFAULT_METHOD:
         return []
-    where = f"{line.row.title}, N = {line.n_placements}"
-    out = [f"{where}: a log without a pose: {reason}" for reason in line.failure_reasons]
+    label = f"{line.row.title}, N = {line.n_placements}"
+    out = [f"{label}: a log without a pose: {reason}" for reason in line.failure_reasons]
     if line.row.is_noise_free and line.n_logs:
         out += check_error_goal(
-            where, line.error, find_accuracy_goal(line.row, line.n_placements, line)
+            label, line.error, find_accuracy_goal(line.row, line.n_placements, line)
         )
     return out
 
 
 def format_cost_table(run_speed: RunSpeed) -> str:
-    """The cost table of a cost.Speed."""
+    """Return the cost table: one row per stage and one for all."""
     rows = [
         [stage, str(c.n_jobs), f"{c.wall_s:.1f}", f"{c.cpu_s:.1f}", str(c.peak_memory_mb)]
         for stage, c in run_speed.stage_costs.items()
@@ -100,14 +107,14 @@ def format_cost_table(run_speed: RunSpeed) -> str:
 
 
 def check_speed_goals(run_speed: RunSpeed) -> list[str]:
-    """Sentences on what the speed row does not reach, and on how it differs from the goal's."""
+    """Return a sentence for each speed or memory goal that a run misses."""
     out = []
-    most = max((c.peak_memory_mb for c in run_speed.stage_costs.values()), default=0)
+    peak_memory = max((c.peak_memory_mb for c in run_speed.stage_costs.values()), default=0)
     solve = getattr(run_speed.stage_costs.get("solve"), "wall_s", np.nan)
     figures = (
         ("log to solution.json", run_speed.wall_s, SPEED_GOALS["wall"], "s"),
         ("solve", solve, SPEED_GOALS["solve"], "s"),
-        ("the largest job", most, SPEED_GOALS["memory"], "MB"),
+        ("the largest job", peak_memory, SPEED_GOALS["memory"], "MB"),
         (
             "CPU time of decode over that of mcap's own reader",
             decode_cpu_ratio(run_speed),
@@ -115,10 +122,10 @@ def check_speed_goals(run_speed: RunSpeed) -> list[str]:
             "",
         ),
     )
-    for what, got, goal, unit in figures:
-        if not got <= goal:
+    for name, value, goal, unit in figures:
+        if not value <= goal:
             out.append(
-                f"{what}: {format_two_digits(got)} {unit}".rstrip()
+                f"{name}: {format_two_digits(value)} {unit}".rstrip()
                 + f", goal {goal:g} {unit}".rstrip()
             )
     return out
@@ -127,11 +134,13 @@ def check_speed_goals(run_speed: RunSpeed) -> list[str]:
 def format_missed_goals(
     lines: list[AccuracyLine],
     run_speed: RunSpeed,
-    draw_results: tuple[Any, ...],
+    draw_results: DrawResults,
     sections: Sequence[PageSection],
 ) -> str:
-    """Everything that is not reached, one sentence each, as a Markdown list; draw_results: (draws,
-    coverage, full runs) as many.short_of takes them; sections: [Section]."""
+    """Return all missed goals as a Markdown list.
+
+    draw_results: (noise draws, coverage, full runs), as for check_draw_goals.
+    """
     sentences = [s for line in lines for s in check_line_goals(line)] + check_draw_goals(
         *draw_results
     )
@@ -143,10 +152,10 @@ def format_missed_goals(
 
 
 def format_pixel_table(lines: list[AccuracyLine]) -> str:
-    """The table of how far corners and contour points lie from the truth."""
+    """Return the table of the errors of corners and contour points."""
     goals = {"diamond-camera": "0.005"}
     head = ("case", "N", "rms error per axis, px", "goal, px")
-    found = [
+    measured = [
         line for line in lines if line.method == DEFAULT_METHOD and np.isfinite(line.pixel_error_px)
     ]
     return format_markdown_table(
@@ -158,17 +167,17 @@ def format_pixel_table(lines: list[AccuracyLine]) -> str:
                 format_two_digits(x.pixel_error_px),
                 goals.get(x.row.key, "–"),
             ]
-            for x in found
+            for x in measured
         ],
     )
 
 
 def describe_decode_memory(run_speed: RunSpeed) -> str:
-    """A sentence on the memory of decode over the size of the log."""
-    known = sorted(m for m in run_speed.decode_memory_mb if np.isfinite(m[1]))
-    if not known:
+    """Return a sentence on the memory of decode for the smallest and the largest log."""
+    measured = sorted(m for m in run_speed.decode_memory_mb if np.isfinite(m[1]))
+    if not measured:
         return ""
-    (small, at_small), (large, at_large) = known[0], known[-1]
+    (small, at_small), (large, at_large) = measured[0], measured[-1]
     return (
         f"decode peaks at {at_small:.0f} MB on a log of {small:.0f} MB and at {at_large:.0f} MB "
         f"on one of {large:.0f} MB."
@@ -176,15 +185,15 @@ def describe_decode_memory(run_speed: RunSpeed) -> str:
 
 
 def decode_cpu_ratio(run_speed: RunSpeed) -> float:
-    """CPU time of decode over that of mcap's own reader."""
+    """Return the CPU time of decode over that of mcap's own reader."""
     return getattr(run_speed.stage_costs.get("decode"), "cpu_s", np.nan) / run_speed.raw_cpu_s
 
 
 def describe_decode_cost(run_speed: RunSpeed) -> str:
-    """A sentence on decode against mcap's own reader."""
+    """Return a sentence that compares decode with mcap's own reader."""
     return (
-        f"mcap's own reader takes {format_two_digits(run_speed.raw_cpu_s)} s CPU to hand out the "
-        "same messages undecoded; decode, start of Python included, "
+        f"mcap's own reader takes {format_two_digits(run_speed.raw_cpu_s)} s CPU to read the same "
+        "messages without decoding them. decode, with the start of Python, takes "
         f"{format_two_digits(decode_cpu_ratio(run_speed))} × that, goal {MAX_CPU_RATIO} ×."
     )
 
@@ -192,14 +201,14 @@ def describe_decode_cost(run_speed: RunSpeed) -> str:
 def render_benchmark_page(
     lines: list[AccuracyLine],
     run_speed: RunSpeed,
-    draw_results: tuple[
-        dict[tuple[str, int], DrawStatistics], list[CoverageResult], dict[str, DrawStatistics]
-    ],
+    draw_results: DrawResults,
     sections: Sequence[PageSection],
     is_quick: bool,
 ) -> str:
-    """The page; draw_results: (draws, coverage, full runs); sections: [Section] after those;
-    is_quick: only the smallest N."""
+    """Return the page as Markdown.
+
+    sections: further sections after the cost; is_quick: whether only the smallest N was measured.
+    """
     parts = {
         "command": "make benchmark-quick" if is_quick else "make benchmark",
         "machine": describe_machine(),

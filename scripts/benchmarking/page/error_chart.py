@@ -1,4 +1,4 @@
-"""The figure of the benchmark: errors of all lines beside what others reach and the goals."""
+"""The chart of the benchmark: measured errors, goals and published errors."""
 
 import io
 
@@ -23,14 +23,17 @@ CHART_MARKERS = {  # marker, colour, size
     "C++ points, corners": ("v", "#8f4fc4", 24),
     "C++": ("D", "#c9a0ee", 18),
 }
-MIN_DRAWN_ERROR = (1e-6, 1e-7)  # mm, deg: below it an error is drawn at the edge
+MIN_DRAWN_ERROR = (1e-6, 1e-7)  # mm, deg: smaller errors are drawn at the edge
 
 
 def collect_chart_marks(
     line: AccuracyLine, draw_statistics: dict[tuple[str, int], DrawStatistics]
 ) -> dict[str, tuple[float, float]]:
-    """{what: (mm, deg)} that one line puts into the figure; draw_statistics: {(key, N): Statistics}
-    of many draws of the noise, which say more than the error of one log."""
+    """Return the marks of one line of the table, (mm, deg) by key of CHART_MARKERS.
+
+    draw_statistics: by (row key, number of placements); where there are any, their RMS error
+    replaces the error of the single log.
+    """
     out: dict[str, tuple[float, float] | None] = {line.method: line.error}
     if line.method == DEFAULT_METHOD:
         many = draw_statistics.get((line.row.key, line.n_placements))
@@ -45,7 +48,7 @@ def collect_chart_marks(
 def draw_error_chart(
     lines: list[AccuracyLine], draw_statistics: dict[tuple[str, int], DrawStatistics]
 ) -> Figure:
-    """Millimetres on the left, degrees on the right, one row per case and N."""
+    """Draw mm on the left and degrees on the right, one row per case and number of placements."""
     matplotlib.rcdefaults()
     matplotlib.rcParams.update({"svg.fonttype": "none", "font.size": 8})
     rows = list(dict.fromkeys((line.row.key, line.n_placements) for line in lines))
@@ -53,8 +56,8 @@ def draw_error_chart(
     axes = fig.subplots(1, 2, sharey=True)
     for i, (ax, unit) in enumerate(zip(axes, ("mm", "deg"), strict=True)):
         for line in lines:
-            for what, value in collect_chart_marks(line, draw_statistics).items():
-                marker, color, size = CHART_MARKERS[what]
+            for mark, value in collect_chart_marks(line, draw_statistics).items():
+                marker, color, size = CHART_MARKERS[mark]
                 y = rows.index((line.row.key, line.n_placements))
                 x = max(value[i], MIN_DRAWN_ERROR[i])
                 ax.scatter(x, y, size, color, marker=marker, linewidths=1.4, zorder=3)
@@ -67,7 +70,7 @@ def draw_error_chart(
 
 
 def draw_chart_legend(fig: Figure) -> None:
-    """One entry per mark, above the axes."""
+    """Draw one entry per mark, above the axes."""
     shown = [k for k in CHART_MARKERS if k != "C++"]
     handles = [
         Line2D([], [], ls="", marker=CHART_MARKERS[k][0], color=CHART_MARKERS[k][1], ms=5.5)
@@ -79,7 +82,7 @@ def draw_chart_legend(fig: Figure) -> None:
 def render_error_chart_svg(
     lines: list[AccuracyLine], draw_statistics: dict[tuple[str, int], DrawStatistics]
 ) -> bytes:
-    """The figure as SVG, the same bytes for the same figures."""
+    """Return the chart as SVG; the same numbers give the same bytes."""
     fig, buffer = draw_error_chart(lines, draw_statistics), io.StringIO()
     matplotlib.rcParams["svg.hashsalt"] = "benchmark"
     FigureCanvasSVG(fig).print_svg(buffer, metadata={"Date": None})

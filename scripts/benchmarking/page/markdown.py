@@ -1,7 +1,7 @@
-"""Numbers and tables as the benchmark's page writes them."""
+"""Numbers and tables as text of the benchmark page."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy import float64
@@ -10,7 +10,7 @@ ERROR_UNITS = (" mm", "°")
 
 
 class PageSection(NamedTuple):
-    """A part of the page: its title, its Markdown, and sentences on what it does not reach."""
+    """A section of the page: title, Markdown text, and a sentence for each missed goal."""
 
     title: str
     text: str
@@ -18,14 +18,14 @@ class PageSection(NamedTuple):
 
 
 def format_two_digits(value: float | None) -> str:
-    """x to two significant digits, without an exponent; a dash for nothing."""
+    """Return a number with two significant digits and without exponent; a dash for None or NaN."""
     if value is None or not np.isfinite(value):
         return "–"
     return np.format_float_positional(value, precision=2, fractional=False, trim="-")
 
 
 def format_mm_deg(error_mm_deg: tuple[float, float] | None) -> str:
-    """(mm, deg) as text."""
+    """Return (mm, deg) as text; a dash for None or NaN."""
     if error_mm_deg is None or not np.all(np.isfinite(error_mm_deg)):
         return "–"
     return " ".join(
@@ -37,27 +37,29 @@ def format_markdown_table(
     head: Sequence[str],
     rows: list[list[str]],
 ) -> str:
-    """A Markdown table of texts."""
+    """Return a Markdown table."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def format_goal_ratio(error: tuple[float, float], goal: tuple[float, float]) -> str:
-    """error / goal of (mm, deg) as text."""
+    """Return error / goal of (mm, deg) as text."""
     both_known = np.all(np.isfinite([error, goal]))
     return " ".join(format_two_digits(x) for x in np.divide(error, goal)) if both_known else "–"
 
 
 def format_share_percent(share: float | float64) -> str:
-    """A share as text, in percent."""
+    """Return a share in percent as text."""
     return f"{100 * share:.3g} %"
 
 
 def check_error_goal(
     case_label: str, error: tuple[float, float], goal: tuple[float, float], goal_note: str = ""
-) -> list[str | Any]:
-    """Sentences on what of `got` (mm, deg) is above the goal (mm, deg); goal_note: what that goal
-    is."""
+) -> list[str]:
+    """Return a sentence for each of mm and deg that exceeds the goal.
+
+    error, goal: (mm, deg); goal_note: text after the goal that explains it.
+    """
     out = []
     for value, most, unit in zip(error, goal, ERROR_UNITS, strict=True):
         if not value <= most:

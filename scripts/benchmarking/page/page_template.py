@@ -2,10 +2,10 @@
 
 PAGE_TEMPLATE = """# Benchmark
 
-`{command}` made this page from logs that `scripts/simulate.py` writes, one per line: a VLP-16
-at 10 Hz, a pinhole camera of 900 × 700 px, MCS at 100 Hz, a second at rest per placement. No job of
-the pipeline sees the truth; extraction starts from a guess that is off by up to ±3 cm and ±5° per
-axis. Everything but times and memory comes out the same again.
+`{command}` made this page from logs simulated with `scripts/simulate.py`, one per table line: a
+VLP-16 at 10 Hz, a pinhole camera of 900 × 700 px, motion capture (MCS) at 100 Hz, one second per
+placement. No job of the pipeline reads the truth. Extraction starts from an initial guess with
+errors up to ±3 cm and ±5° per axis. A second run gives the same results, except times and memory.
 
 {machine}.
 
@@ -15,58 +15,62 @@ axis. Everything but times and memory comes out the same again.
 
 {accuracy}
 
+* *N*: number of placements.
 * *error*: norm of the translation error and geodesic angle of the rotation error; *σ reported*: the
   same from the covariance in calibration.json.
-* *reference*: square root of the trace of the inverse information of the very data that `surface`
-  used, at the truth and with the true noise: what an efficient estimator would reach.
-* *goal*: only `surface`, the default, is held to the goals, and one log alone only where its data
-  carry no noise; the others are below. `points` is the paper's way of comparing, with all returns
-  or the board's corners as keypoints.
-* *paper*: as claimed; *C++*: its published code, measured on logs of a like rig with other targets
-  and poses, so that orders of magnitude compare. For the camera its saddle-point corners stand
-  here; its OpenCV corners reach 0.015, 0.025 and 0.133 mm at N = 30, 15 and 5.
+* *reference*: the accuracy of an efficient estimator with the same data that `surface` used: square
+  root of the trace of the inverse information, at the true poses and with the true noise.
+* *goal*: only the default method `surface` has goals. A single log has a goal only if its data have
+  no noise; the goals for noisy data are in the next section. `points` is the method of the paper:
+  its keypoints are all returns, or the corners of the board.
+* *paper*: errors claimed in the paper; *C++*: its published code, measured on logs of a similar rig
+  with other targets and poses, so compare only orders of magnitude. The camera error is with its
+  saddle-point corners; with its OpenCV corners it is 0.015, 0.025 and 0.133 mm at N = 30, 15 and 5.
 
-What a camera finds, against the truth:
+Errors of the corners and contour points in the camera images:
 
 {pixels}
 
 ## Many draws of the noise
 
-From one recording per line without noise: every draw puts fresh noise on every range or pixel and
-on every pose from the MCS, turns the pattern of the scans by a share of its step at every
-placement, and goes through extraction and the joint estimate again, from the same guess.
+Each line uses one recording without noise. Every draw adds new noise to every range or pixel and to
+every MCS pose, and rotates the scan pattern by a random part of its step at every placement. Then
+extraction and the joint estimate run again, from the same initial guess.
 
 {drawn}
 
-* *reference*: as above; *without outlines*: of the returns alone, without where scan lines leave
-  the target: a board's outline, a cylinder's sides. Each such crossing counts once per placement,
-  as uniform between two beams.
-* *goal*: that of the row, or {ensemble} × the reference for the root mean square of the draws.
-* *above {single:g} ×*: the share of draws whose error is more than {single:g} × the reference in mm
-  or in degrees; in brackets that of an efficient estimator, whose errors are Gaussian too.
-* *NEES/6*: mean of the squared error over the reported covariance, 1 where that is honest; in
-  brackets the band in which 95 % of honest means of so many draws lie; *of their mean*: the same of
-  the mean error of all draws, well above 2 where the draws share an error that no noise explains.
+* *reference*: as above; *without outlines*: from the returns alone, without the points where scan
+  lines leave the target (outline of a board, sides of a cylinder). Each such point counts once per
+  placement, with an error uniform between two beams.
+* *goal*: the goal of the row, or {ensemble} × the reference, for the RMS error of the draws.
+* *above {single:g} ×*: share of draws with an error above {single:g} × the reference, in mm or in
+  degrees; in brackets: the same for an efficient estimator, whose errors are Gaussian.
+* *NEES/6*: mean of the squared error over the reported covariance, 1 if the covariance is correct;
+  in brackets: the band that contains 95 % of such means for a correct covariance. *of their mean*:
+  the same for the mean error of all draws; well above 2 if all draws share an error that is not
+  noise.
+* *95 % ellipsoids hold*: share of draws whose 95 % ellipsoid contains the truth.
 
-## Does σ hold what it promises?
+## Is the reported σ correct?
 
-Measurements drawn from the noise model itself, as keypoints: returns along the beam, crossings
-anywhere between two beams and the same in every scan, corners and contour points in pixels, errors
-of the MCS from their priors, the robot's shared by all targets. Goal: 95 % ellipsoids hold the
-truth in {held} %, and the mean NEES lies in its band.
+Keypoints are drawn from the noise model itself: returns along the beam, outline crossings anywhere
+between two beams and the same in every scan, corners and contour points in pixels, MCS errors from
+their priors with one robot error for all targets. Goal: {held} % of the 95 % ellipsoids contain the
+truth (*held*), and the mean NEES lies in its band.
 
 {covered}
 
-Small logs with all noise, each with another rig, through the whole pipeline to calibration.json:
+Small logs with all noise, each with a different rig, through the whole pipeline to
+calibration.json:
 
 {full}
 
 ## Cost
 
-{about}, to extrinsics by default settings: {wall} s wall from the log to solution.json,
-Snakemake's own start apart. The figures of a stage are of its jobs, start of Python included. CPU
-times are the safer ones: wall times grow with whatever else the machine does meanwhile. The goal's
-case is 2 lidars + 1 camera, 30 placements each, 1.7 GB.
+{about}, with default settings: {wall} s wall time from the log to solution.json, without the start
+of Snakemake itself. Each stage line is the sum over its jobs and includes the start of Python.
+Compare CPU times: wall times depend on the other load of the machine. The goals are for 2 lidars
+and 1 camera, 30 placements each, 1.7 GB.
 
 {speed}
 

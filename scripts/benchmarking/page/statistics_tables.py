@@ -1,8 +1,5 @@
-"""Tables of many draws, of coverage and of full runs, and what they fall short of, as Markdown."""
+"""Tables of noise draws, coverage and full runs as Markdown, and the goals that they miss."""
 
-from typing import Any
-
-from numpy import float64
 from scipy.stats import binom
 
 from benchmarking.accuracy.accuracy_cases import (
@@ -28,7 +25,7 @@ from benchmarking.page.markdown import (
     format_two_digits,
 )
 
-DRAW_COLUMNS: tuple[str, ...] = (
+DRAW_COLUMNS = (
     "case",
     "N",
     "draws",
@@ -36,15 +33,13 @@ DRAW_COLUMNS: tuple[str, ...] = (
     "reference",
     "without outlines",
     "RMS / reference",
-)
-DRAW_COLUMNS += (
     "goal",
     "RMS / goal",
     f"above {MAX_SINGLE_RATIO:g} ×",
     "NEES/6 [band]",
     "of their mean",
+    "95 % ellipsoids hold",
 )
-DRAW_COLUMNS += ("95 % ellipsoids hold",)
 COVERAGE_COLUMNS = ("case", "draws", "sensor", "NEES over its degrees of freedom [band]", "held")
 FULL_RUN_COLUMNS = ("sensor", "runs", "RMS error", "σ reported", "NEES/6 [band]", "held")
 
@@ -52,7 +47,10 @@ FULL_RUN_COLUMNS = ("sensor", "runs", "RMS error", "σ reported", "NEES/6 [band]
 def order_by_row(
     draw_statistics: dict[tuple[str, int], DrawStatistics],
 ) -> list[tuple[AccuracyRow, int, DrawStatistics]]:
-    """[(row, N, Statistics)] of {(key, N): Statistics}, in the order of the rows."""
+    """Return (row, number of placements, statistics) in the order of the rows.
+
+    draw_statistics: by (row key, number of placements).
+    """
     return [
         (row, n, draw_statistics[row.key, n])
         for row in ACCURACY_ROWS
@@ -62,14 +60,14 @@ def order_by_row(
 
 
 def format_draw_table(draw_statistics: dict[tuple[str, int], DrawStatistics]) -> str:
-    """The table of {(key, N): Statistics}."""
+    """Return the table of noise draws, by (row key, number of placements)."""
     return format_markdown_table(
         DRAW_COLUMNS, [_format_draw_row(*item) for item in order_by_row(draw_statistics)]
     )
 
 
 def _format_draw_row(row: AccuracyRow, n_placements: int, statistics: DrawStatistics) -> list[str]:
-    most = find_accuracy_goal(row, n_placements, statistics)
+    goal = find_accuracy_goal(row, n_placements, statistics)
     return [
         row.title,
         str(n_placements),
@@ -79,8 +77,8 @@ def _format_draw_row(row: AccuracyRow, n_placements: int, statistics: DrawStatis
         format_mm_deg(statistics.reference),
         format_mm_deg(statistics.reference_without_outlines),
         format_goal_ratio(statistics.rms_error, statistics.reference),
-        format_mm_deg(most),
-        format_goal_ratio(statistics.rms_error, most),
+        format_mm_deg(goal),
+        format_goal_ratio(statistics.rms_error, goal),
         f"{format_share_percent(statistics.outlier_share)} "
         f"({format_share_percent(statistics.gaussian_outlier_share)})",
         format_nees_band(statistics.mean_nees, statistics.n_results),
@@ -90,13 +88,13 @@ def _format_draw_row(row: AccuracyRow, n_placements: int, statistics: DrawStatis
 
 
 def format_nees_band(nees: float, n_draws: int, n_dof: int = 6) -> str:
-    """A mean of NEES over its degrees of freedom, with the band of honest ones, as text."""
+    """Return a mean NEES/n_dof and its band for a correct covariance as text."""
     low, high = compute_nees_band(n_draws, n_dof)
     return f"{format_two_digits(nees)} [{format_two_digits(low)}, {format_two_digits(high)}]"
 
 
 def format_coverage_table(coverage_results: list[CoverageResult]) -> str:
-    """The table of Coverages."""
+    """Return the table of coverage results."""
     return format_markdown_table(
         COVERAGE_COLUMNS,
         [
@@ -114,7 +112,7 @@ def format_coverage_table(coverage_results: list[CoverageResult]) -> str:
 
 
 def format_full_run_table(run_statistics: dict[str, DrawStatistics]) -> str:
-    """The table of {sensor: Statistics} of full runs, whose reference is σ as reported."""
+    """Return the table of full runs, by sensor; their reference is the reported σ."""
     return format_markdown_table(
         FULL_RUN_COLUMNS,
         [
@@ -132,29 +130,31 @@ def format_full_run_table(run_statistics: dict[str, DrawStatistics]) -> str:
 
 
 def check_draw_goals(
-    draw_statistics: dict[Any, Any], coverages: list[CoverageResult], run_statistics: dict[Any, Any]
-) -> list[str | Any]:
-    """Sentences on what the three tables do not reach."""
+    draw_statistics: dict[tuple[str, int], DrawStatistics],
+    coverages: list[CoverageResult],
+    run_statistics: dict[str, DrawStatistics],
+) -> list[str]:
+    """Return a sentence for each goal that the three tables miss."""
     out = [s for item in order_by_row(draw_statistics) for s in _check_row_goals(*item)]
     for c in coverages:
         for name, size in c.n_dof.items():
-            where = f"observations as modelled, {c.title}, {name}"
-            out += check_nees_band(where, c.mean_nees[name], c.n_draws, size)
+            label = f"observations as modelled, {c.title}, {name}"
+            out += check_nees_band(label, c.mean_nees[name], c.n_draws, size)
             low, high = compute_coverage_band(c.n_draws)
             if not low <= c.share_covered[name] <= high:
                 ends = f"{format_share_percent(low)} to {format_share_percent(high)}"
                 out.append(
-                    f"{where}: ellipsoids hold {format_share_percent(c.share_covered[name])}, "
+                    f"{label}: ellipsoids hold {format_share_percent(c.share_covered[name])}, "
                     f"goal {ends}"
                 )
     for name, s in sorted(run_statistics.items()):
-        where = f"full runs, {name}"
-        out += describe_failed_draws(where, s) + check_nees_band(where, s.mean_nees, s.n_results)
+        label = f"full runs, {name}"
+        out += describe_failed_draws(label, s) + check_nees_band(label, s.mean_nees, s.n_results)
     return out
 
 
-def compute_coverage_band(n_draws: int) -> tuple[float64, float64] | tuple[float, float]:
-    """HELD, or where that is wider, as with few draws, what chance does to an honest share."""
+def compute_coverage_band(n_draws: int) -> tuple[float, float]:
+    """Return COVERAGE_GOAL, widened to the 95 % band of chance if there are few draws."""
     low, high = (
         binom.ppf(
             [(1 - CONFIDENCE_LEVEL) / 2, (1 + CONFIDENCE_LEVEL) / 2], n_draws, CONFIDENCE_LEVEL
@@ -165,23 +165,23 @@ def compute_coverage_band(n_draws: int) -> tuple[float64, float64] | tuple[float
 
 
 def _check_row_goals(row: AccuracyRow, n_placements: int, statistics: DrawStatistics) -> list[str]:
-    where = f"{row.title}, N = {n_placements}, {statistics.n_results} draws"
-    own = "" if row.goals else f" ({MAX_RMS_RATIO} × the reference)"
-    out = describe_failed_draws(where, statistics) + check_error_goal(
-        where, statistics.rms_error, find_accuracy_goal(row, n_placements, statistics), own
+    label = f"{row.title}, N = {n_placements}, {statistics.n_results} draws"
+    goal_note = "" if row.goals else f" ({MAX_RMS_RATIO} × the reference)"
+    out = describe_failed_draws(label, statistics) + check_error_goal(
+        label, statistics.rms_error, find_accuracy_goal(row, n_placements, statistics), goal_note
     )
     if row.goals is None and statistics.outlier_share > 0:
         out.append(
-            f"{where}: {format_share_percent(statistics.outlier_share)} err by more than "
-            f"{MAX_SINGLE_RATIO:g} × the reference, one by "
-            f"{format_two_digits(statistics.worst_error_ratio)} ×; of an efficient estimator "
-            f"{format_share_percent(statistics.gaussian_outlier_share)} would"
+            f"{label}: {format_share_percent(statistics.outlier_share)} of the draws err by more "
+            f"than {MAX_SINGLE_RATIO:g} × the reference, the worst by "
+            f"{format_two_digits(statistics.worst_error_ratio)} ×; with an efficient estimator "
+            f"{format_share_percent(statistics.gaussian_outlier_share)}"
         )
-    return out + check_nees_band(where, statistics.mean_nees, statistics.n_results)
+    return out + check_nees_band(label, statistics.mean_nees, statistics.n_results)
 
 
 def describe_failed_draws(case_label: str, statistics: DrawStatistics) -> list[str]:
-    """A sentence on draws without a pose, if there are any."""
+    """Return a sentence on the number of draws without a pose, if there are any."""
     return (
         [
             f"{case_label}: {statistics.n_failures} of "
@@ -193,13 +193,13 @@ def describe_failed_draws(case_label: str, statistics: DrawStatistics) -> list[s
     )
 
 
-def check_nees_band(case_label: str, nees: float, n_draws: int, n_dof: int = 6) -> list[str | Any]:
-    """A sentence on a NEES outside its band, if it is."""
+def check_nees_band(case_label: str, nees: float, n_draws: int, n_dof: int = 6) -> list[str]:
+    """Return a sentence on a NEES outside its band, if it is."""
     low, high = compute_nees_band(n_draws, n_dof)
     if low <= nees <= high:
         return []
     ends = f"{format_two_digits(low)} to {format_two_digits(high)}"
     return [
         f"{case_label}: NEES over its degrees of freedom is {format_two_digits(nees)}, "
-        f"of an honest σ {ends}"
+        f"with a correct σ {ends}"
     ]
