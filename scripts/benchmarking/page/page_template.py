@@ -68,7 +68,7 @@ calibration.json:
 ## Cost
 
 {about}, with default settings: {wall} s wall time from the log to solution.json, without the start
-of Snakemake itself. Each stage line is the sum over its jobs and includes the start of Python.
+of Snakemake itself. The times of a stage are sums over its jobs and include the start of Python.
 Compare CPU times: wall times depend on the other load of the machine. The goals are for 2 lidars
 and 1 camera, 30 placements each, 1.7 GB.
 
