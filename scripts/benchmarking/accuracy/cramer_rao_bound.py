@@ -17,7 +17,7 @@ from calib.estimation.estimation_problem import MeasurementGroup, Setup
 from calib.estimation.measurement_assignment import assign_measurements
 from calib.estimation.nlp.information_matrix import covariance_from_information
 from calib.estimation.nlp.symbolic_chain import make_residual_function
-from calib.estimation.noise_estimation import split_common_noise
+from calib.estimation.noise.noise_estimation import split_common_noise
 from calib.estimation.residuals.assignment import Assignment, Noise
 from calib.estimation.residuals.board_outline import MIN_SCAN_ANGLE_SINE, MIN_VERTEX_DISTANCE_M
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS

@@ -14,7 +14,7 @@ from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.nlp.information_matrix import invert_information
 from calib.estimation.nlp.measurement_factor import Factor
-from calib.estimation.noise_model import noise_key
+from calib.estimation.noise.noise_model import noise_key
 from calib.estimation.pose_chain import model_with_corrections
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
 

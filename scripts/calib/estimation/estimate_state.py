@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.estimation.corrections.base import ClockCorrection
 from calib.estimation.estimation_problem import Placement, Setup
-from calib.estimation.noise_model import NoiseKey, initial_noise, noise_key
+from calib.estimation.noise.noise_model import NoiseKey, initial_noise, noise_key
 from calib.estimation.residuals.assignment import Noise
 from calib.geometry.se3 import se3_exp
 from calib.mocap.moving_pose_fit import LocalMotion

@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.estimation.estimate_state import State
 from calib.estimation.estimation_problem import MeasurementGroup, Setup
-from calib.estimation.noise_model import noise_key
+from calib.estimation.noise.noise_model import noise_key
 from calib.estimation.pose_chain import T_sensor_target, deskew_group, model_with_corrections
 from calib.estimation.residuals.assignment import Assignment
 from calib.estimation.residuals.residual_registry import (

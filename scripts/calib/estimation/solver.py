@@ -14,8 +14,8 @@ from calib.estimation.measurement_assignment import (
     count_reassignments,
     with_noise_of,
 )
-from calib.estimation.noise_estimation import update_noise
-from calib.estimation.noise_model import widen_initial_noise
+from calib.estimation.noise.noise_estimation import update_noise
+from calib.estimation.noise.noise_model import widen_initial_noise
 from calib.estimation.residuals.assignment import Assignment
 from calib.estimation.round_solution import RoundSolution, build_nlp, solve_round
 

@@ -50,11 +50,7 @@ def build_export_scene(
         sessions=sessions or {},
         targets=targets,
         T_body_target=collect_target_mounts(calibration, targets),
-        missing_sensor_reasons={
-            name: result["status"]["reason"]
-            for name, result in results.items()
-            if name not in poses
-        },
+        missing_sensor_reasons=_collect_missing_reasons(results, poses),
         notes=tuple(notes),
         max_views=options["export"]["max_views"],
     )
@@ -66,6 +62,15 @@ def _collect_sensor_poses(results: dict[str, Any]) -> dict[str, np.ndarray]:
         name: np.array(result["T_robot_sensor"]["matrix"])
         for name, result in sorted(results.items())
         if result["T_robot_sensor"] is not None
+    }
+
+
+def _collect_missing_reasons(
+    results: dict[str, Any], poses: dict[str, np.ndarray]
+) -> dict[str, str]:
+    """Collect why sensors have no pose, by name."""
+    return {
+        name: result["status"]["reason"] for name, result in results.items() if name not in poses
     }
 
 

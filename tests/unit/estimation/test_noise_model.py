@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from calib.estimation.noise_estimation import common_variance_share, update_mocap_factor
-from calib.estimation.noise_model import initial_noise
+from calib.estimation.noise.noise_estimation import common_variance_share, update_mocap_factor
+from calib.estimation.noise.noise_model import initial_noise
 from calib.estimation.residuals.assignment import Assignment, Noise, number_repeat_groups
 
 WHITE = Noise(1.0, 0.0)

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from calib.estimation.estimate_state import initial_state
 from calib.estimation.estimation_problem import MeasurementGroup, Placement, Setup
 from calib.estimation.measurement_assignment import count_reassignments
-from calib.estimation.noise_estimation import estimate_mocap_factor
+from calib.estimation.noise.noise_estimation import estimate_mocap_factor
 from calib.estimation.problem_assembly import iteration_limits
 from calib.estimation.residuals import template_silhouette
 from calib.estimation.residuals.assignment import Noise

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Protocol
 
 from calib.estimation.corrections.base import TestableCorrection
-from calib.estimation.corrections.lens_errors import make_lens_corrections
+from calib.estimation.corrections.camera_intrinsics import make_lens_corrections
 from calib.estimation.corrections.lidar_outline_errors import (
     make_beam_width_corrections,
     make_outline_twist_corrections,

@@ -10,7 +10,7 @@ import numpy as np
 from calib.estimation import pose_chain
 from calib.estimation.estimate_state import State
 from calib.estimation.estimation_problem import MeasurementGroup, Setup
-from calib.estimation.noise_model import noise_key
+from calib.estimation.noise.noise_model import noise_key
 from calib.estimation.residuals.assignment import Assignment
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
 

@@ -79,35 +79,63 @@ def find_target_in_scan(
     T_sensor_target: expected pose; margin (6,): how far it may be off; options: block `extract`.
     The returns are those on the fitted shape, without stand, hands or mixed returns at its rim.
     """
-    centre = transform_points(T_sensor_target, target.centre)
-    distance = float(np.linalg.norm(centre))
-    reach = target.bounding_radius + angular_margin(margin, distance) * distance
-    near = np.flatnonzero(np.linalg.norm(points - centre, axis=1) < reach)
+    near = _find_near_returns(target, points, T_sensor_target, margin)
     min_points = options["min_points"]
     if len(near) < min_points:
         status = failure_status("too few returns around the target", len(near), min_points)
         return near[:0], status
+    distance = float(np.linalg.norm(transform_points(T_sensor_target, target.centre)))
     step = distance * max(lidar.azimuth_step, lidar.elevation_step)
     label = cluster_points(points[near], options["cluster_factor"] * step)
     best, best_score = near[:0], np.inf
     for k in range(label.max() + 1):
-        rows = near[label == k]
-        if len(rows) < min_points:
-            continue
-        on_shape = target.fit_inliers(
-            points[rows],
+        inliers = _fit_cluster(
+            target,
+            points,
+            near[label == k],
             T_sensor_target,
             margin,
             range_sigma=lidar.range_sigma,
-            seed=options["seed"],
+            options=options,
         )
-        inliers = rows[on_shape]
         if len(inliers) < min_points:
             continue
         score = score_cluster(target, points[inliers], T_sensor_target, margin, step)
         if score < best_score:
             best, best_score = inliers, score
     return best, _cluster_status(target, points[best], best_score, min_points)
+
+
+def _find_near_returns(
+    target: TargetShape, points: np.ndarray, T_sensor_target: np.ndarray, margin: np.ndarray
+) -> np.ndarray:
+    """Return the indices of the points (n, 3) that the target reaches within the margin (6,)."""
+    centre = transform_points(T_sensor_target, target.centre)
+    distance = float(np.linalg.norm(centre))
+    reach = target.bounding_radius + angular_margin(margin, distance) * distance
+    return np.flatnonzero(np.linalg.norm(points - centre, axis=1) < reach)
+
+
+def _fit_cluster(
+    target: TargetShape,
+    points: np.ndarray,
+    rows: np.ndarray,
+    T_sensor_target: np.ndarray,
+    margin: np.ndarray,
+    *,
+    range_sigma: float,
+    options: dict[str, Any],
+) -> np.ndarray:
+    """Return those rows of points (n, 3) that lie on the target fitted to them.
+
+    Empty if there are fewer than min_points (options) of them.
+    """
+    if len(rows) < options["min_points"]:
+        return rows[:0]
+    on_shape = target.fit_inliers(
+        points[rows], T_sensor_target, margin, range_sigma=range_sigma, seed=options["seed"]
+    )
+    return rows[on_shape]
 
 
 def _cluster_status(

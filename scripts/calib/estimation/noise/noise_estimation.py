@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from calib.estimation import noise_model
 from calib.estimation.estimate_state import State
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import SolveResult
 from calib.estimation.nlp.information_matrix import invert_information
-from calib.estimation.noise_model import MAD_TO_SIGMA, NoiseKey, noise_key
+from calib.estimation.noise import noise_model
+from calib.estimation.noise.noise_model import MAD_TO_SIGMA, NoiseKey, noise_key
 from calib.estimation.residuals.assignment import Assignment, Noise
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS, uses_template_points
 from calib.estimation.round_solution import RoundSolution

@@ -1,4 +1,4 @@
-"""Noise as the residuals show it: per kind of measurement and sensor, and of the motion capture.
+"""The noise to start from, per kind of measurement and sensor; noise_estimation updates it.
 
 The configured noise of the motion capture is a lower bound; that of the measurements is where the
 estimation starts.

@@ -1,0 +1,5 @@
+"""Noise of measurements and motion capture.
+
+noise_model       the noise to start from, and the key that names a noise
+noise_estimation  the noise after a round, from residuals and leverage
+"""
