@@ -129,8 +129,10 @@ def test_repeated_scans_add_returns_to_the_reference_but_no_crossings(seen, monk
     once, eight = (
         compute_cramer_rao_bound(exactly(c), c.T_robot_sensor, 1e3) for c in (seen, often)
     )
-    told = [np.linalg.inv(f.covariance["velodyne"]) for f in (once, eight)]
-    assert told[1] == pytest.approx(told[0], rel=1e-3, abs=1e-3 * told[0].max())
+    information = [np.linalg.inv(f.covariance["velodyne"]) for f in (once, eight)]
+    assert information[1] == pytest.approx(
+        information[0], rel=1e-3, abs=1e-3 * information[0].max()
+    )
 
 
 # --- draws of the noise
@@ -138,7 +140,7 @@ def test_repeated_scans_add_returns_to_the_reference_but_no_crossings(seen, monk
 
 @pytest.fixture(scope="module")
 def recorded():
-    """A lidar's Recording of a board at four placements, made without the pipeline."""
+    """A simulated session of a lidar and a board at four placements, made without the pipeline."""
     noise = "--range-noise-m 0.008 --mcs-noise-m 0.00015 --mcs-noise-deg 0.02"
     text = f"- --targets board --placements 4 --guess-error-deg 2 {noise}"
     args = parse_simulation_arguments(text.split())

@@ -114,15 +114,7 @@ def make_simulated_session(
     )
     target_config = validate_and_complete("target", make_target_config(target, arguments), "target")
     (name,) = set(placements["target"].tolist())
-    block = rig_config["sensors"][sensor]
-    options = {
-        "name": sensor,
-        "sensor": block,
-        "sensors": {sensor: block},
-        "targets": {name: target_config},
-        "mocap": rig_config["mocap"],
-        **{k: settings[k] for k in ("crop", "extract", "associate", "solve")},
-    }
+    options = _stage_options(sensor, rig_config, {name: target_config}, settings)
     simulated = SimulatedSession(
         truth=session,
         sensor=sensor,
@@ -133,10 +125,30 @@ def make_simulated_session(
         guess_json=guess,
         exact_data={},
     )
-    make_exact_data = render_exact_image if block["kind"] == "camera" else compute_window_firing
+    make_exact_data = (
+        render_exact_image if options["sensor"]["kind"] == "camera" else compute_window_firing
+    )
     for k in sorted(set(views["placement"][views["kept"]].tolist())):
         simulated.exact_data[k] = make_exact_data(simulated, k)
     return simulated
+
+
+def _stage_options(
+    sensor: str,
+    rig_config: dict[str, Any],
+    targets: dict[str, Any],
+    settings: dict[str, Any],
+) -> dict[str, Any]:
+    """Return the options of extract and solve for one sensor; targets: configs by name."""
+    block = rig_config["sensors"][sensor]
+    return {
+        "name": sensor,
+        "sensor": block,
+        "sensors": {sensor: block},
+        "targets": targets,
+        "mocap": rig_config["mocap"],
+        **{k: settings[k] for k in ("crop", "extract", "associate", "solve")},
+    }
 
 
 def select_kept_views(session: SimulatedSession, placement: int) -> ndarray:

@@ -222,13 +222,13 @@ def made_up(key, n, error, method="surface", reference=(0.1, 0.01), **more):
 
 
 def drawn(factor, count=100, size=1.0):
-    """The Statistics of draws whose errors are `factor` times the σ of which they tell, which is
-    `size` times the reference."""
+    """Statistics of draws: errors are factor times the reported σ, which is size times the
+    reference."""
     rng = np.random.default_rng(5)
     reference = np.diag(np.repeat([1e-4, 2e-4], 3) ** 2)
-    told = size**2 * reference
-    errors = factor * rng.multivariate_normal(np.zeros(6), told, count)
-    draws = [DrawResult(error, told) for error in errors]
+    reported = size**2 * reference
+    errors = factor * rng.multivariate_normal(np.zeros(6), reported, count)
+    draws = [DrawResult(error, reported) for error in errors]
     return compute_draw_statistics(draws, reference, 4 * reference)
 
 
