@@ -124,7 +124,11 @@ def test_its_outline_is_that_of_the_print_unless_stated_and_gives_no_lidar_an_ed
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [({"dictionary": "6x6"}, "is not a valid name"), ({"squares": [5]}, "squares"), ({"kind": "qr"}, "kind")],
+    [
+        ({"dictionary": "6x6"}, "is not a valid name"),
+        ({"squares": [5]}, "squares"),
+        ({"kind": "qr"}, "kind"),
+    ],
 )
 def test_a_wrong_pattern_is_refused_with_its_key(change, message):
     with pytest.raises(InputError, match=message):
