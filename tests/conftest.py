@@ -17,7 +17,9 @@ from helpers.small_run import SMALL_ARGUMENTS, run_to_completion, simulate_into
 def make_once(tmp_path_factory, name, make):
     """Return a folder that `make(folder)` fills once for all workers of a test run."""
     base = tmp_path_factory.getbasetemp()
-    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    # As deep as tmp_path: Snakemake compares the relative paths of a run and of its copy.
+    shared = base.parent / "shared" if "PYTEST_XDIST_WORKER" in os.environ else base
+    shared.mkdir(exist_ok=True)
     folder, done = shared / name, shared / f"{name}.done"
     with (shared / f"{name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

@@ -57,5 +57,5 @@ def error_line(path):
     """Yield the error that ended the job of a log file, if any; a failed verdict is not an error."""
     lines = path.read_text().splitlines()
     ended = [line for line in lines if line.startswith(("error: ", "Traceback"))]
-    if ended and not ended[-1].endswith("is not exported, its calibration failed:"):
+    if ended and "the verdict is fail, so nothing is exported" not in ended[-1]:
         yield f"{path}: {lines[-1].removeprefix('error: ')}"

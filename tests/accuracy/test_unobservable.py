@@ -31,7 +31,7 @@ def test_a_single_placement_fails_and_says_to_hold_targets_in_more_places(restin
     verdict, calibration = resting
     assert verdict["verdict"] == "fail"
     assert verdict["reasons"][0] == "camera: placements 1, fail below 3"
-    assert verdict["findings"][0]["remedy"].startswith("hold targets still in more places")
+    assert verdict["findings"][0]["remedy"].startswith("Hold targets still in more places")
     advice = calibration["sensors"]["camera"]["recording_advice"]
     assert advice.startswith("Hold a target still in at least 3 different places")
 
@@ -56,7 +56,7 @@ def test_rotation_about_one_axis_leaves_the_mount_to_its_prior_and_asks_to_tilt_
     (found,) = [f for f in upright[0]["findings"] if f["check"] == "target_mount"]
     assert found["level"] == "warn"
     assert "T_body_target of board is undetermined in translation along y" in found["text"]
-    assert found["remedy"].startswith("tilt board by 30° or more about two other axes")
+    assert found["remedy"].startswith("Tilt board by 30° or more about two other axes")
 
 
 def test_what_only_the_prior_tells_stands_in_the_sigma_of_the_sensors(upright):

@@ -244,7 +244,7 @@ def test_a_log_that_changed_after_decode_is_refused_by_crop(finished_run_copy):
 @pytest.mark.parametrize(
     "text, words",
     [
-        (ALIAS_BOMB, "unfolds to more than 100000 values"),
+        (ALIAS_BOMB, "expands to more than 100000 values"),
         ("sessions: {a: {rig: sim, log: x}}\nsessions: {}", "key 'sessions' appears in line 1"),
         ("sessions: \x1b[2J", "not valid YAML"),
     ],

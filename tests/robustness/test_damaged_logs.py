@@ -63,7 +63,7 @@ def outcome(log):
         place = [int(frames[k][row]) for k in ("file_index", "log_time_ns", "index_at_log_time")]
         topic = {"camera": "/image", "lidar": "/points"}[str(frames["sensor"][row])]
         try:
-            again.message(topic, *place)
+            again.read_message_content(topic, *place)
         except InputError as error:
             assert "\n" not in str(error)
     return len(poses["stamp_ns"]), len(frames["stamp_ns"]), audit["faults"]
@@ -123,7 +123,7 @@ def test_a_message_whose_payload_is_cut_is_a_fault_of_its_own(tmp_path):
     for row in np.flatnonzero(frames["sensor"] == "camera"):
         place = [int(frames[k][row]) for k in ("file_index", "log_time_ns", "index_at_log_time")]
         try:
-            read += again.message("/image", *place).height == 2
+            read += again.read_message_content("/image", *place).height == 2
         except MessageError as error:
             assert "sensor_msgs/msg/Image cannot be read" in str(error) and row == 2
     assert read == 6
@@ -137,8 +137,8 @@ def test_a_cloud_with_other_fields_hides_nothing_of_the_rest():
             field = make_ros2_message("sensor_msgs/msg/PointField", name="ring", offset=4,
                                     datatype=4, count=1)  # fmt: skip
             cloud.fields.append(field)
-        heard.take(SimpleNamespace(content=cloud, log_t=CONTAINER_START_NS + i * 10**8))
-    told, status = heard.told(10**8, {})
+        heard.add_message(SimpleNamespace(content=cloud, log_time_ns=CONTAINER_START_NS + i * 10**8))
+    told, status = heard.audit(10**8, {})
     assert status.ok and "no ring" in told["inferred"]["ring"]
 
 

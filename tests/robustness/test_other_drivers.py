@@ -71,8 +71,9 @@ def test_clouds_without_time_and_ring_give_the_pose_but_no_clock(tmp_path):
     found, told = errors(tmp_path), audit(tmp_path)["velodyne"]
     assert found["velodyne"][0] < 1e-7 and found["velodyne"][1] < 1e-7
     assert found["camera"][0] < 1e-5
-    assert told["layout"]["time"] is None and len(told["layout"]["ring"]["elevation_deg"]) == 16
-    assert "cannot be told from the motion capture's" in told["inferred"]["time"]
+    assert told["layout"]["point_time"] is None
+    assert len(told["layout"]["beams"]["elevation_deg"]) == 16
+    assert "the time offset of the sensor cannot be estimated" in told["inferred"]["time"]
     views, _, _ = read_table(
         tmp_path / RESULTS / "sim/velodyne/moving_views.parquet", LIDAR_VIEWS_SCHEMA
     )
@@ -86,7 +87,7 @@ def test_custom_messages_of_a_livox_and_grey_of_sixteen_bits_give_the_poses(tmp_
     calibrated(tmp_path, "--lidar livox_custom --encoding mono16 --camera-info")
     found, told = errors(tmp_path), audit(tmp_path)
     assert found["velodyne"][0] < 1e-4 and found["camera"][0] < 1e-5
-    assert told["velodyne"]["layout"]["ring"] is None
+    assert told["velodyne"]["layout"]["beams"] is None
     assert told["camera"]["inferred"]["image"] == "mono16, 900 x 700 px"
 
 

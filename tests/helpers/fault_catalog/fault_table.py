@@ -223,7 +223,7 @@ TABLE_HEAD = (
 )
 PAGE_INTRO = """# Faults of recordings, and what comes of them
 
-Made by `make faults` from tests/wrecks.py and the files that it names, where each fixture makes its
+Made by `make faults` from tests/helpers/fault_catalog, where each fixture makes its
 fault in one recording with known truth: eight placements of a board and a cylinder before a lidar
 of 16 beams and a camera, with the noise of a laboratory (ranges 10 mm, motion capture 0.15 mm and
 0.02°, images 1.8 grey levels), drawn alike in all. Errors are those of T_robot_sensor against the

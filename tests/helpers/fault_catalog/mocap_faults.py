@@ -202,7 +202,7 @@ MOCAP_FAULTS = {
     ),
     "wxyz": FaultCase(
         "quaternions as wxyz throughout",
-        "quaternions",
+        "quaternion order may be w, x, y, z",
         damage_transforms(reorder_to_wxyz),
     ),
     "spikes": FaultCase(

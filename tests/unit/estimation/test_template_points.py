@@ -468,7 +468,13 @@ def test_points_assigned_before_keep_their_template_points_at_another_pose(kind)
     features[0] = -1
     keypoints = {"xyz": transform_points(T_BOARD, own), "sigma": np.full(len(own), 0.01)}
     found = RESIDUAL_KINDS[kind].assign(
-        LIDAR, PAIRED[kind][0], T_BOARD, keypoints, GATE, Noise(1e4, 0.0), features=features
+        LIDAR,
+        PAIRED[kind][0],
+        T_BOARD,
+        keypoints,
+        options=GATE,
+        noise=Noise(1e4, 0.0),
+        features=features,
     )
     np.testing.assert_array_equal(found.feature, features)
     np.testing.assert_array_equal(found.data[1:, 3:6], own[features[1:]])
