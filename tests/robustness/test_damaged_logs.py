@@ -137,7 +137,8 @@ def test_a_cloud_with_other_fields_hides_nothing_of_the_rest():
             field = make_ros2_message("sensor_msgs/msg/PointField", name="ring", offset=4,
                                     datatype=4, count=1)  # fmt: skip
             cloud.fields.append(field)
-        heard.add_message(SimpleNamespace(content=cloud, log_time_ns=CONTAINER_START_NS + i * 10**8))
+        log_time_ns = CONTAINER_START_NS + i * 10**8
+        heard.add_message(SimpleNamespace(content=cloud, log_time_ns=log_time_ns))
     told, status = heard.audit(10**8, {})
     assert status.ok and "no ring" in told["inferred"]["ring"]
 
