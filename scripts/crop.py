@@ -24,7 +24,7 @@ from calib.io.table_schemas import FRAMES_SCHEMA, MOCAP_SCHEMA
 from calib.mocap.body_trajectory import target_trajectories
 from calib.sensors.sensor_models import with_log_metadata
 from calib.views.placement_selection import visibility_status
-from calib.views.sensor_croppers import Cropper, make_cropper, make_frame_reader
+from calib.views.sensor_croppers import CROPPERS, make_cropper, make_frame_reader
 from calib.views.target_placements import PlacementTable, trim_placement_ends
 from calib.views.view_cutter import ViewCutter, ViewRow, view_columns
 
@@ -44,9 +44,10 @@ def cut_moving_views(
     return cutter.cut_moving_views(trajectories)
 
 
-def write_views(path: Path, cropper: Cropper, rows: list[ViewRow], status: Status) -> None:
-    """Write the rows of views as a numbered table."""
-    write_table(path, cropper.schema, view_columns(rows, cropper.schema.names), status)
+def write_views(path: Path, kind: str, rows: list[ViewRow], status: Status) -> None:
+    """Write the rows of views of a kind of sensor as a numbered table."""
+    schema = CROPPERS[kind].schema
+    write_table(path, schema, view_columns(rows, schema.names), status)
 
 
 def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -67,11 +68,13 @@ def main(argv: list[str] | None = None) -> None:
     require_same_log(options["log"], audit["fingerprint"])
     name = options["name"]
     sensor = with_log_metadata(options["sensor"], audit["sensors"][name])
-    cropper = make_cropper(sensor)
     placements = PlacementTable.read(args.placements)
-    status = placements.status if not placements.status.ok else Status.from_dict(guess["status"])
+    status = Status.from_dict(guess["status"])
+    if status.ok:
+        status = placements.status
     rows, moving_rows = [], []
     if status.ok:
+        cropper = make_cropper(sensor)  # a sensor that failed may have no lens
         frames, _, _ = read_table(args.frames, FRAMES_SCHEMA)
         frames = select_rows(frames, frames["sensor"] == name)
         read_frame = make_frame_reader(open_log(options["log"]), sensor, frames)
@@ -84,8 +87,8 @@ def main(argv: list[str] | None = None) -> None:
         # Without times of its points, a scan of a moving target says nothing about the offset.
         if status.ok and options["crop"]["max_moving_views"] and cropper.has_measurement_time:
             moving_rows = cut_moving_views(cutter, args.mocap, options)
-    write_views(args.output, cropper, rows, status)
-    write_views(args.moving_views, cropper, moving_rows, status)
+    write_views(args.output, sensor["kind"], rows, status)
+    write_views(args.moving_views, sensor["kind"], moving_rows, status)
     logger.info("%s: kept %d of %d views", name, sum(r["kept"] for r in rows), len(rows))
     logger.info("%s: %d views of moving targets", name, sum(r["kept"] for r in moving_rows))
 

@@ -79,7 +79,11 @@ def find_flipped_pattern(
         target = setup.placements[group.placement].target
         pattern = setup.targets[target].pattern
         has_inliers = (assignment.feature >= 0).any()
-        if group.kind != "pattern_corner" or has_inliers or not hasattr(pattern, "first_square"):
+        if (
+            group.kind != "pattern_corner"
+            or has_inliers
+            or not hasattr(pattern, "first_square_color")
+        ):
             continue
         stated, free = _misfits_px(setup, result, group, pattern)
         if free < MAX_FLIPPED_MISFIT_RATIO * stated:
