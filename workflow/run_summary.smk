@@ -20,8 +20,8 @@ def print_summary():
         elif (home / "verdict.json").exists():
             page = os.path.relpath(home / "report.html", os.environ.get("PWD", "."))
             print_lines(*rig_result_lines(rig, home), f"report: {page}")
-    if message := disk_full_message():
-        print_lines(message)
+    if is_disk_full():
+        print_lines(disk_full_message(Path.cwd()))
     elif Path("results").is_dir():
         write_rigs_page(rigs)
 
@@ -43,9 +43,8 @@ def write_rigs_page(rigs):
 
 def rig_result_lines(rig, home):
     """Return the verdict of one rig and the poses of its sensors in a few lines."""
-    from calib.report.page.terminal_summary import (
-        format_terminal_summary,
-    )  # 0.1 s, only needed at the end
+    # Takes 0.1 s, and only the end of a run needs it.
+    from calib.report.page.terminal_summary import format_terminal_summary
 
     calibration, verdict = (
         json.loads((home / f"{name}.json").read_text()) for name in ("calibration", "verdict")

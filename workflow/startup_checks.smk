@@ -4,12 +4,14 @@ Snakemake reads config.yaml with less care than calib.io.safe_yaml: it takes the
 key, and expands every alias.
 """
 
+import logging
 import shutil
 import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(workflow.basedir) / "scripts"))
 
+from calib.io.atomic_files import disk_full_message
 from calib.io.safe_yaml import load_yaml
 from calib.io.status import InputError, escape_control_characters
 from snakemake.exceptions import WorkflowError
@@ -18,11 +20,13 @@ CONFIG_FILE = Path("config/config.yaml")
 MIN_FREE_BYTES = 1 << 20  # with fewer, Snakemake cannot write its own files
 
 
-def disk_full_message():
-    """Return the message that the disk is full; empty if it is not."""
-    if shutil.disk_usage(".").free >= MIN_FREE_BYTES:
-        return ""
-    return f"{Path.cwd()}: no space left on its disk; free some space and run again"
+# On a full disk, each line of Snakemake's own log would print a traceback of Python's logging.
+logging.raiseExceptions = False
+
+
+def is_disk_full():
+    """Return whether the disk of the working folder is too full for Snakemake."""
+    return shutil.disk_usage(".").free < MIN_FREE_BYTES
 
 
 def require_readable_config():
@@ -33,7 +37,7 @@ def require_readable_config():
         raise WorkflowError(escape_control_characters(str(error)))
 
 
-if disk_full_message():
-    raise WorkflowError(disk_full_message())
+if is_disk_full():
+    raise WorkflowError(disk_full_message(Path.cwd()))
 if CONFIG_FILE.is_file():
     require_readable_config()

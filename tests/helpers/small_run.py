@@ -99,7 +99,7 @@ def load_common_rules(settings):
     """Return the names of the workflow's files, for the content of config.yaml of this folder."""
     workflow = SimpleNamespace(basedir=ROOT, dag_settings=SimpleNamespace(targets=set()))
     names = {"workflow": workflow, "shell": MagicMock(), "config": settings}
-    names["disk_full_message"] = lambda: ""  # of startup_checks.smk
+    names["is_disk_full"] = lambda: False  # of startup_checks.smk
     for name in ("common.smk", "run_summary.smk"):
         path = ROOT / "workflow" / name
         exec(compile(path.read_text(), path, "exec"), names)

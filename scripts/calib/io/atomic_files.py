@@ -66,9 +66,14 @@ def remove_folder(path: str | Path) -> None:
             shutil.rmtree(folder)
 
 
+def disk_full_message(path: str | Path) -> str:
+    """Return the message that a file or folder cannot grow because its disk is full."""
+    return f"{path}: no space left on the disk. Free some space and run again."
+
+
 def _write_error_message(path: Path, error: OSError) -> str:
     """Return what keeps a path from being written, and what to do."""
     if error.errno in DISK_FULL_ERRNOS:
-        return f"{path}: no space left on the disk. Free some space and run again."
+        return disk_full_message(path)
     cause = os.strerror(error.errno) if error.errno else error
     return f"{path}: cannot be written ({cause}). Fix the cause and run again."
