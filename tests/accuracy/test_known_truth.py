@@ -48,6 +48,7 @@ def noisy(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_the_first_guess_is_off_by_centimetres_and_degrees(exact):
     for sensor in json.loads((exact / "truth.json").read_text())["sensors"].values():
         guess, true = (np.array(sensor[k]["matrix"]) for k in ("guess", "T_robot_sensor"))
@@ -55,11 +56,13 @@ def test_the_first_guess_is_off_by_centimetres_and_degrees(exact):
         assert millimetres > 5 and degrees > 1
 
 
+@pytest.mark.slow
 def test_without_noise_the_lidar_is_right_to_0_05_mm_and_0_002_deg(exact):
     millimetres, degrees = size(errors(exact)["velodyne"][0])
     assert millimetres < 0.05 and degrees < 0.002
 
 
+@pytest.mark.slow
 def test_without_noise_the_camera_is_right_to_0_1_mm_and_0_005_deg(exact):
     millimetres, degrees = size(errors(exact)["camera"][0])
     assert millimetres < 0.1 and degrees < 0.005
@@ -85,6 +88,7 @@ def test_the_range_noise_and_the_corner_noise_are_found(noisy):
     assert noise["camera"]["pattern_corner"] < 0.015
 
 
+@pytest.mark.slow
 def test_all_placements_of_both_targets_are_used(exact):
     sensors = json.loads((exact / OUTPUT).read_text())["sensors"]
     assert sensors["camera"]["placements"] == 10

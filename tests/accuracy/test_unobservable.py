@@ -52,6 +52,7 @@ def upright(tmp_path_factory):
     return *told(folder), json.loads((folder / "truth.json").read_text())
 
 
+@pytest.mark.slow
 def test_rotation_about_one_axis_leaves_the_mount_to_its_prior_and_asks_to_tilt_the_target(upright):
     (found,) = [f for f in upright[0]["findings"] if f["check"] == "target_mount"]
     assert found["level"] == "warn"
@@ -59,6 +60,7 @@ def test_rotation_about_one_axis_leaves_the_mount_to_its_prior_and_asks_to_tilt_
     assert found["remedy"].startswith("Tilt board by 30° or more about two other axes")
 
 
+@pytest.mark.slow
 def test_what_only_the_prior_tells_stands_in_the_sigma_of_the_sensors(upright):
     """Both sensors are as far off along the vertical as the board sits off: 4 mm, by their σ."""
     _, calibration, truth = upright

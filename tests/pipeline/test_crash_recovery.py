@@ -106,14 +106,16 @@ def pieces(folder):
 
 
 # Stages of one output, of many, and of a folder; the others write by the same two functions.
-FAST = ("decode", "solve", "export")
-STAGE_PARAMS = [
-    pytest.param(stage, marks=() if stage in FAST else pytest.mark.slow) for stage in STAGES
-]
+KILLED_FAST, FILLED_FAST = ("solve", "export"), ("decode",)
+
+
+def stage_params(fast):
+    """Parameters of a test over all stages, of which only the fast ones are not marked slow."""
+    return [pytest.param(s, marks=() if s in fast else pytest.mark.slow) for s in STAGES]
 
 
 @pytest.mark.parametrize("victim", ["run", pytest.param("job", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("stage", STAGE_PARAMS)
+@pytest.mark.parametrize("stage", stage_params(KILLED_FAST))
 def test_a_stage_killed_while_it_writes_is_made_up_for_by_the_same_command(
     stage, victim, finished_run, finished_run_copy, tmp_path_factory
 ):
@@ -151,7 +153,7 @@ def namespaces():
         pytest.skip(f"no disk can be mounted here: {done.stderr.strip()}")
 
 
-@pytest.mark.parametrize("stage", STAGE_PARAMS)
+@pytest.mark.parametrize("stage", stage_params(FILLED_FAST))
 def test_a_disk_that_fills_is_one_clear_line_and_made_up_for_by_the_same_command(
     stage, finished_run, finished_run_copy, namespaces, tmp_path_factory
 ):

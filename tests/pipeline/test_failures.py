@@ -73,6 +73,7 @@ def test_a_lens_that_no_camera_info_tells_fails_that_camera_in_words_and_keeps_t
     assert "time (float32), s after the stamp: 0.0 to" in page
 
 
+@pytest.mark.slow
 def test_an_unseen_target_body_is_named_and_the_other_target_serves(finished_run_copy):
     edit_yaml(
         finished_run_copy / "config/targets/cylinder.yaml",

@@ -27,6 +27,7 @@ from helpers.small_run import (
     simulated_config_path,
 )
 
+pytestmark = pytest.mark.slow
 ARGUMENTS = (
     f"{SMALL_ARGUMENTS} --range-noise-m 0.01 --image-noise 1.8 --mcs-noise-m 0.00015"
     " --mcs-noise-deg 0.02 --mcs-bias-m 0.0001 --mcs-bias-deg 0.01"

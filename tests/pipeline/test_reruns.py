@@ -132,6 +132,7 @@ def test_a_second_run_from_nothing_gives_the_same_bytes(finished_run, finished_r
     assert small_run.file_digests(finished_run_copy) == small_run.file_digests(finished_run)
 
 
+@pytest.mark.slow
 def test_a_killed_run_started_again_ends_with_the_same_bytes(finished_run, finished_run_copy):
     shutil.rmtree(finished_run_copy / "results")
     shutil.rmtree(finished_run_copy / ".snakemake")

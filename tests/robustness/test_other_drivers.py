@@ -20,7 +20,7 @@ from simulation.config_and_truth import write_simulated_config, write_truth
 from simulation.ros_log import write_simulated_mcap
 from simulation.session_recording import generate_messages
 
-pytestmark = pytest.mark.pipeline
+pytestmark = [pytest.mark.pipeline, pytest.mark.slow]
 
 RESULTS = "results/sim"
 

@@ -102,6 +102,7 @@ def test_estimated_beams_bring_back_the_noise_and_the_sigma_of_a_lidar_without_t
     assert np.abs(error(result, "lidar") - error(clean, "lidar")).max() < 1.2 * sigma.max()
 
 
+@pytest.mark.slow
 def test_what_is_estimated_besides_is_in_the_covariance_of_the_pose():
     """20 draws with both faults: NEES/6 of the lidar within its band of 99 %, [0.7, 1.35]."""
     world, nees = SyntheticWorld(range_bias_m=0.012 * SIGNS + 0.01), []

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from calib.diagnosis.session_repeatability import repeatability_json
 from calib.estimation.solver import estimate_poses
@@ -17,6 +18,7 @@ def told(made):
     return repeatability_json(made, result, **SESSION_LIMITS)
 
 
+@pytest.mark.slow
 def test_poses_of_sensors_that_stay_repeat_by_their_sigma():
     """Six pairs of sessions, two sensors each: chances spread as chances do."""
     chances = [

@@ -46,6 +46,7 @@ def draws():
     return [estimated({"board": OFF}, seed) for seed in range(12)]
 
 
+@pytest.mark.slow
 def test_a_board_off_by_6_mm_and_1_deg_is_found_to_half_a_millimetre_and_a_twentieth_degree(draws):
     assert np.linalg.norm(OFF[:3, 3]) == pytest.approx(0.006, rel=0.01)
     assert np.degrees(rotation_angle(OFF)) == pytest.approx(1.0, rel=0.02)
@@ -54,6 +55,7 @@ def test_a_board_off_by_6_mm_and_1_deg_is_found_to_half_a_millimetre_and_a_twent
     assert np.degrees(np.sqrt(np.mean(rotation_angle(np.array(left)) ** 2))) < 0.05
 
 
+@pytest.mark.slow
 def test_poses_and_mount_err_by_their_sigma(draws):
     """NEES/6 over 12 draws, each within its band of 99.9 %: 72 numbers, [0.52, 1.70]."""
     for k in range(3):

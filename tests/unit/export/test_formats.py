@@ -573,6 +573,7 @@ LENSES = {
 
 
 @pytest.mark.parametrize("name", sorted(LENSES))
+@pytest.mark.slow
 def test_a_lens_that_the_log_tells_is_in_every_format_that_holds_one(name, told_by_the_log):
     """To 1e-6 px, by OpenCV, against the lens that the simulated camera has."""
     K, d = (np.array(v, float) for v in LENSES[name](told_by_the_log))

@@ -353,6 +353,7 @@ def test_a_run_writes_the_calibration_into_the_urdf_and_then_plans_nothing(mount
     assert (mounted / "robot.urdf").read_text() == text
 
 
+@pytest.mark.slow
 def test_a_failed_verdict_leaves_the_urdf_as_it_was(mounted):
     limits = {"fail_placements": 99, "warn_placements": 99}
     edit_yaml(simulated_config_path(mounted), lambda c: c.update(judge=limits))

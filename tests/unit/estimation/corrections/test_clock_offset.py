@@ -206,6 +206,7 @@ def test_an_offset_is_found_by_its_sigma_and_by_a_camera_to_half_a_millisecond(l
         assert sigma < {"camera": 3e-4, "lidar": 7e-4}[name]
 
 
+@pytest.mark.slow
 def test_of_many_draws_offsets_and_poses_err_by_their_sigma():
     """NEES of 24 draws within bands of 99.9 %: offsets [0.30, 2.15], poses [0.67, 1.42]."""
     nees = {"camera": [], "lidar": []}
@@ -243,6 +244,7 @@ def refined(made, wanted=None):
     return estimate_with_corrections(bare, START, wanted or {}, moving, **LIMITS)
 
 
+@pytest.mark.slow
 def test_clocks_that_wander_are_found_with_drift_and_offset_of_every_session():
     made, result, _ = refined(recorded(0.02, views=40, later=0.004, ppm=300.0))
     assert result.has_converged
@@ -300,6 +302,7 @@ def test_only_bodies_by_other_topics_than_the_robots_have_a_clock_of_their_own()
     assert list(find_separate_streams(poses, "robot", bodies, topics, 0.05)) == ["board"]
 
 
+@pytest.mark.slow
 def test_clocks_that_keep_time_are_not_said_to_wander():
     """20 draws, each with two clocks: none is taken for one that wanders."""
     for seed in range(20):

@@ -42,6 +42,7 @@ def solved(made):
     return estimate_poses(made, start, **SESSION_LIMITS)
 
 
+@pytest.mark.slow
 def test_markers_and_sensors_are_found_by_their_sigma():
     """Of 10 draws: NEES/6 of the markers and of each sensor in bands of 99.9 %, [0.47, 1.80]."""
     nees = {"markers": [], "camera": [], "lidar": []}

@@ -44,8 +44,12 @@ def photographed():
     )
     printed = board.generateImage((5 * px, 7 * px), marginSize=0)
     width, height = CAMERA.size_px
-    fine = (np.arange(4 * max(CAMERA.size_px)) + 0.5) / 4 - 0.5
-    uv = np.stack(np.meshgrid(fine[: 4 * width], fine[: 4 * height]), -1).reshape(-1, 2)
+    half_m = np.array([2.5, 3.5]) * PATTERN.square_m
+    corners = [[x * half_m[0], y * half_m[1], 0] for x in (-1, 1) for y in (-1, 1)]
+    on_image, _ = CAMERA.project(transform_points(POSE, np.array(corners)))
+    (left, top), (right, bottom) = np.floor(on_image.min(0) - 1), np.ceil(on_image.max(0) + 2)
+    columns, rows = np.arange(left, right, 0.25) - 0.375, np.arange(top, bottom, 0.25) - 0.375
+    uv = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
     T = invert_pose(POSE)
     rays, _ = CAMERA.unproject(uv)
     rays = rays @ T[:3, :3].T
@@ -55,7 +59,10 @@ def photographed():
     inside = (column >= 0) & (column < 5 * px) & (row >= 0) & (row < 7 * px)
     grey = np.full(len(uv), 120.0)
     grey[inside] = 40 + 160 / 255 * printed[row[inside], column[inside]]
-    image = cv2.GaussianBlur(grey.reshape(height, 4, width, 4).mean((1, 3)), (0, 0), 0.7)
+    image = np.full((height, width), 120.0)
+    pixels = grey.reshape(len(rows) // 4, 4, len(columns) // 4, 4).mean((1, 3))
+    image[int(top) : int(bottom), int(left) : int(right)] = pixels
+    image = cv2.GaussianBlur(image, (0, 0), 0.7)
     image += 1.8 * np.random.default_rng(0).normal(size=image.shape)
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
