@@ -71,6 +71,7 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
+    """Run the stage."""
     args = _parse_arguments(argv)
     options = args.options
     keypoints, notes = read_keypoints(args.keypoints, sorted(options["sensors"]))

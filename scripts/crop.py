@@ -63,6 +63,7 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: list[str] | None = None) -> None:
+    """Run the stage."""
     args = _parse_arguments(argv)
     options, audit, guess = args.options, read_json(args.audit), read_json(args.guess)
     require_same_log(options["log"], audit["fingerprint"])

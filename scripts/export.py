@@ -109,6 +109,7 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
+    """Run the stage."""
     args = _parse_arguments(argv)
     remove_folder(args.output)
     calibration, verdict = read_json(args.calibration), read_json(args.verdict)

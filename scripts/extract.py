@@ -58,6 +58,7 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
+    """Run the stage."""
     args = _parse_arguments(argv)
     limit_opencv_threads()
     options, guess = args.options, read_json(args.guess)

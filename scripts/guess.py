@@ -70,6 +70,7 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
+    """Run the stage."""
     args = _parse_arguments(argv)
     audit = read_json(args.audit)
     options = with_sensor_metadata(args.options, audit["sensors"])

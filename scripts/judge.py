@@ -54,6 +54,7 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: list[str] | None = None) -> None:
+    """Run the stage."""
     args = _parse_arguments(argv)
     solution, limits = read_json(args.solution), args.options["judge"]
     verdict = rig_findings(solution, limits)

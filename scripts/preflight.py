@@ -84,6 +84,7 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: list[str] | None = None) -> None:
+    """Run the stage."""
     args = _parse_arguments(argv)
     options = args.options
     files = zip(args.audits, args.frames, args.mocap, args.placements, strict=True)

@@ -269,6 +269,7 @@ def with_progress(session: SessionTruth, messages: Iterator[RosMessage]) -> Iter
 
 
 def main(argv: Sequence[str] | None = None) -> None:
+    """Run the simulator."""
     args = parse_simulation_arguments(argv)
     sessions, guesses = draw_sessions(args)
     write_simulated_config(args.out / "config", args.rig, sessions, guesses)

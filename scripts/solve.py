@@ -103,6 +103,7 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
+    """Run the stage."""
     args = _parse_arguments(argv)
     options = args.options
     setup, result, content = estimate_rig(args, options)

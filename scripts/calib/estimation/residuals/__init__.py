@@ -2,5 +2,5 @@
 
 assignment     what every kind returns: features, residuals, weights
 robust_loss    Tukey's biweight: weight and cost
-nearest_point  shared by the kinds that are compared with points of a template
+nearest_point  kinds that are compared with points of the target: template_point, template_vertex
 """

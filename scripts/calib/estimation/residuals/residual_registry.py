@@ -16,9 +16,7 @@ from calib.estimation.residuals import (
     cylinder_limb,
     pattern_corner,
     target_surface,
-    template_point,
     template_silhouette,
-    template_vertex,
 )
 from calib.estimation.residuals.assignment import (
     Assignment,
@@ -26,6 +24,7 @@ from calib.estimation.residuals.assignment import (
     Noise,
     ResidualExpression,
 )
+from calib.estimation.residuals.nearest_point import TEMPLATE_POINT, TEMPLATE_VERTEX
 
 
 class AssignFirst(Protocol):
@@ -64,7 +63,7 @@ class Assign(Protocol):
 
 
 class ResidualKind(Protocol):
-    """A kind of measurement; implemented by a module.
+    """A kind of measurement; implemented by a module or an instance.
 
     UNIT: of the residuals, px, m or rad; MIN_SIGMA: resolution of the data, in UNIT, below which no
     noise is estimated, None if σ is the step of a scan pattern, which noise can only exceed;
@@ -101,10 +100,10 @@ RESIDUAL_KINDS: dict[str, ResidualKind] = {
     "pattern_corner": pattern_corner,
     "board_outline": board_outline,
     "cylinder_limb": cylinder_limb,
-    "template_point": template_point,
+    "template_point": TEMPLATE_POINT,
     "template_silhouette": template_silhouette,
     "target_surface": target_surface,
-    "template_vertex": template_vertex,
+    "template_vertex": TEMPLATE_VERTEX,
 }
 
 
