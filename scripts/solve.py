@@ -23,7 +23,10 @@ from calib.diagnosis.residual_table import residual_columns
 from calib.diagnosis.session_repeatability import repeatability_json
 from calib.diagnosis.solution_json import solution_json
 from calib.estimation.corrections.correction_estimate import correction_estimates
-from calib.estimation.corrections.robot_markers import make_markers_corrections, robot_markers_json
+from calib.estimation.corrections.mocap.robot_markers import (
+    make_markers_corrections,
+    robot_markers_json,
+)
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.moving_view_poses import MovingSession, add_moving_views

@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.estimation.corrections.base import Correction
 from calib.estimation.corrections.group_linearization import GroupLinearization
-from calib.estimation.corrections.lidar_range_errors import (
+from calib.estimation.corrections.lidar.lidar_range_errors import (
     BEAM_RANGES,
     RangeBiasCorrection,
     make_range_corrections,

@@ -26,7 +26,7 @@ from calib.estimation.corrections.correction_catalog import (
     list_testable_corrections,
 )
 from calib.estimation.corrections.correction_estimate import correction_estimates
-from calib.estimation.corrections.lidar_range_errors import BEAM_RANGES, RANGE_BIAS
+from calib.estimation.corrections.lidar.lidar_range_errors import BEAM_RANGES, RANGE_BIAS
 from calib.estimation.corrections.score_test import gain_p_value, likelihood_gain
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult

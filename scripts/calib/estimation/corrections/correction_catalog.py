@@ -10,11 +10,11 @@ from typing import Protocol
 
 from calib.estimation.corrections.base import TestableCorrection
 from calib.estimation.corrections.camera_intrinsics import make_lens_corrections
-from calib.estimation.corrections.lidar_outline_errors import (
+from calib.estimation.corrections.lidar.lidar_outline_errors import (
     make_beam_width_corrections,
     make_outline_twist_corrections,
 )
-from calib.estimation.corrections.lidar_range_errors import (
+from calib.estimation.corrections.lidar.lidar_range_errors import (
     make_beam_corrections,
     make_range_corrections,
 )

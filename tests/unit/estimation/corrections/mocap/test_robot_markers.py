@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.session_repeatability import repeatability_json
-from calib.estimation.corrections.robot_markers import (
+from calib.estimation.corrections.mocap.robot_markers import (
     MARKERS_PRIOR_SIGMA,
     make_markers_corrections,
     robot_markers_json,

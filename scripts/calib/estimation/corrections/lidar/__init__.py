@@ -1,0 +1,5 @@
+"""Errors of a lidar.
+
+lidar_range_errors     ranges of all beams and of single beams
+lidar_outline_errors   outlines seen too wide or from another place
+"""
