@@ -1,24 +1,16 @@
 """The section of the benchmark page on damaged and hostile input."""
 
 from collections import Counter
+from pathlib import Path
 
 from benchmarking.fuzzing import case_runner
 from benchmarking.fuzzing.case_runner import CASE_ENDS, CASE_KINDS, FuzzOutcome
 from benchmarking.fuzzing.small_recordings import FUZZ_CONTAINERS
-from benchmarking.page.markdown import PageSection, format_markdown_table
+from benchmarking.page.markdown import PageSection, format_markdown_table, render_markdown
 
 MAX_MEMORY_MB = 500  # goal
 
-FUZZ_TEMPLATE = """{count} random cases of three kinds. *damaged log*: a small log of poses, clouds
-and images, in one of {containers} containers, with wrong or missing bytes; *hostile log*: the same
-with meaningless values in its messages; *config*: a config folder with wrong values, keys or bytes.
-A log is decoded and gated, and its messages are read again, as crop does.
-
-{table}
-
-* *result*: no fault was found; *warning*: a result, and messages on the faults; *refused*: one
-  clear error message; *broken*: a traceback, an incomplete file, or no end after {timeout} s. The
-  slowest case took {slowest:.1f} s, and no process more than {memory:.0f} MB."""
+PAGE_TEMPLATE = Path(__file__).with_suffix(".md.j2")
 
 
 def build_fuzz_section(outcomes: list[FuzzOutcome]) -> PageSection:
@@ -32,7 +24,8 @@ def build_fuzz_section(outcomes: list[FuzzOutcome]) -> PageSection:
         ]
         for kind in CASE_KINDS
     ]
-    text = FUZZ_TEMPLATE.format(
+    text = render_markdown(
+        PAGE_TEMPLATE,
         count=len(outcomes),
         containers=len(FUZZ_CONTAINERS),
         table=format_markdown_table(("input", "cases", *CASE_ENDS), rows),

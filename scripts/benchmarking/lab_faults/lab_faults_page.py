@@ -1,5 +1,7 @@
 """The section of the benchmark page on common faults of labs."""
 
+from pathlib import Path
+
 import numpy as np
 
 from benchmarking.lab_faults.lab_faults import LAB_FAULTS, NO_FAULT, LabOutcome
@@ -9,8 +11,10 @@ from benchmarking.page.markdown import (
     format_markdown_table,
     format_mm_deg,
     format_two_digits,
+    render_markdown,
 )
 
+PAGE_TEMPLATE = Path(__file__).with_suffix(".md.j2")
 FAULT_COLUMNS = ("fault", "error", "over clean", "σ reported over clean", "NEES/6", "verdict")
 QUANTITY_COLUMNS = ("fault", "quantity", "rms error", "σ reported", "goal")
 DISABLED_COLUMNS = ("fault", "error", "over clean", "verdict", "first reason")
@@ -40,7 +44,7 @@ def build_lab_section(outcomes: dict[tuple[str, bool], list[LabOutcome]]) -> Pag
         "cost": MAX_ERROR_RATIO,
     }
     missed = [s for fault in faults for s in check_lab_goals(outcomes, fault)]
-    return PageSection("Faults of labs", LAB_TEMPLATE.format(**parts), missed)
+    return PageSection("Faults of labs", render_markdown(PAGE_TEMPLATE, **parts), missed)
 
 
 def compute_lab_rms(outcomes: list[LabOutcome], field_name: str) -> tuple[float, float]:
@@ -133,24 +137,3 @@ def check_lab_goals(outcomes: dict[tuple[str, bool], list[LabOutcome]], fault: s
     if fault != NO_FAULT and passed:
         out.append(f"{title}: with the options off, {len(passed)} of the logs pass")
     return out
-
-
-LAB_TEMPLATE = """\
-Each line is the result of {logs} through the whole pipeline: a lidar and a camera, a board
-and a cylinder, 12 placements, typical noise. All lines have the same rigs, noise and placements, so
-a line differs from the first only by its fault.
-
-{on}
-
-* *error*, *σ reported*: RMS over sensors and logs; *over clean*: divided by that of the first line,
-  goal {cost} for errors. σ may grow by more, because more unknowns are estimated from the same
-  data.
-
-Errors of the estimated faults:
-
-{found}
-
-The same logs with `time_offset`, `target_alignment`, `intrinsics` and `lidar_corrections` of
-`solve.estimate` all `false`:
-
-{off}"""

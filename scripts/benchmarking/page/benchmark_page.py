@@ -1,6 +1,7 @@
 """Render docs/benchmark.md: the tables of the benchmark and the goals that it misses."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -22,8 +23,8 @@ from benchmarking.page.markdown import (
     format_markdown_table,
     format_mm_deg,
     format_two_digits,
+    render_markdown,
 )
-from benchmarking.page.page_template import PAGE_TEMPLATE
 from benchmarking.page.statistics_tables import (
     check_draw_goals,
     format_coverage_table,
@@ -35,6 +36,7 @@ from benchmarking.page.statistics_tables import (
 DrawResults = tuple[
     dict[tuple[str, int], DrawStatistics], list[CoverageResult], dict[str, DrawStatistics]
 ]
+PAGE_TEMPLATE = Path(__file__).with_suffix(".md.j2")
 ACCURACY_COLUMNS = (
     "case",
     "N",
@@ -228,4 +230,4 @@ def render_benchmark_page(
         "ensemble": MAX_RMS_RATIO,
         "single": MAX_SINGLE_RATIO,
     }
-    return PAGE_TEMPLATE.format(**parts)
+    return render_markdown(PAGE_TEMPLATE, **parts)

@@ -1,8 +1,10 @@
 """Numbers and tables as text of the benchmark page."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
+import jinja2
 import numpy as np
 from numpy import float64
 
@@ -15,6 +17,17 @@ class PageSection(NamedTuple):
     title: str
     text: str
     missed_goals: list[str]
+
+
+def render_markdown(template: Path, **values: Any) -> str:
+    """Return a Markdown template with its values; raise UndefinedError if one is missing."""
+    environment = jinja2.Environment(
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,  # Markdown, not HTML
+    )
+    return environment.from_string(template.read_text()).render(values)
 
 
 def format_two_digits(value: float | None) -> str:

@@ -25,6 +25,7 @@ import gate
 import guess
 import judge
 import solve
+from benchmarking.page.markdown import render_markdown
 from calib.geometry.se3 import invert_pose, rotation_angle
 from calib.io.logs.open_log import fingerprint_log
 from calib.io.status import InputError
@@ -218,29 +219,7 @@ def escape_table_cell(text):
     return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
 
 
-TABLE_HEAD = (
-    "| fixture | the fault | what is said | lidar | camera | comes to |\n|---|---|---|---|---|---|"
-)
-PAGE_INTRO = """# Faults of recordings, and what comes of them
-
-Made by `make faults` from tests/helpers/fault_catalog, where each fixture makes its
-fault in one recording with known truth: eight placements of a board and a cylinder before a lidar
-of 16 beams and a camera, with the noise of a laboratory (ranges 10 mm, motion capture 0.15 mm and
-0.02°, images 1.8 grey levels), drawn alike in all. Errors are those of T_robot_sensor against the
-truth. The clean recording: lidar {velodyne}, camera {camera}.
-
-*What is said* stands in log.json, in the report's audit and funnel, or in verdict.json; nothing is
-said where the recording is read as it is. In brackets, the error over that of the clean recording,
-or over the clean recording's σ where that is larger: an error below σ is the luck of one draw, and
-a multiple of it means nothing. The worse of position and rotation counts.
-
-| comes to | |
-|---|---|
-| as clean | at most {most} times that |
-| fails: … | no pose is given, and why is said; the other sensor is as clean |
-| worse, failed; worse, warned; worse | a pose beyond that, and a verdict of that kind, or pass |
-| stopped, named | nothing is calibrated, and one line says why |
-"""
+PAGE_TEMPLATE = Path(__file__).with_suffix(".md.j2")
 
 
 def render_fault_page(outcomes):
@@ -251,11 +230,11 @@ def render_fault_page(outcomes):
         f"(σ {1e3 * clean.sigmas[s][0]:.2f} mm {np.degrees(clean.sigmas[s][1]):.4f}°)"
         for s in TABLE_SENSORS
     }
-    lines = [PAGE_INTRO.format(**shown, most=MAX_ERROR_RATIO)]
-    for group, faults in FAULT_GROUPS.items():
-        rows = [format_fault_row(name, outcomes[name], clean) for name in faults]
-        lines += [f"## {group}\n", TABLE_HEAD, *rows, ""]
-    return "\n".join(lines)
+    groups = [
+        {"title": title, "rows": [format_fault_row(name, outcomes[name], clean) for name in faults]}
+        for title, faults in FAULT_GROUPS.items()
+    ]
+    return render_markdown(PAGE_TEMPLATE, **shown, most=MAX_ERROR_RATIO, groups=groups)
 
 
 def main(argv=None):
