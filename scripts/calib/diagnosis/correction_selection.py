@@ -61,9 +61,7 @@ def estimate_with_corrections(
     add_moving: adds moving views to a setup. They constrain time offsets and little else, so they
     are added last. If time offsets are not estimated, they only show whether one is wrong.
     """
-    setup = _with_requested_corrections(setup, estimate_options)
-    setup, result = _estimate_observable_intrinsics(setup, T_robot_sensor, limits)
-    setup, result = _add_supported_corrections(setup, result, estimate_options, limits)
+    setup, result = select_corrections(setup, T_robot_sensor, estimate_options, **limits)
     suspected = find_suspected_errors(setup, result, list_corrections_and_shifts(setup))
     wider = add_moving(setup) if add_moving and result.solve_result else setup
     if wider.n_still == len(wider.placements):
@@ -79,7 +77,19 @@ def estimate_with_corrections(
     return setup, with_consider_covariance(setup, result), suspected
 
 
-def _with_requested_corrections(setup: Setup, estimate_options: dict[str, Any]) -> Setup:
+def select_corrections(
+    setup: Setup,
+    T_robot_sensor: dict[str, np.ndarray],
+    estimate_options: dict[str, Any],
+    **limits: Any,
+) -> tuple[Setup, EstimationResult]:
+    """Estimate still placements with the corrections that are requested or that they support."""
+    setup = with_requested_corrections(setup, estimate_options)
+    setup, result = _estimate_observable_intrinsics(setup, T_robot_sensor, limits)
+    return _add_supported_corrections(setup, result, estimate_options, limits)
+
+
+def with_requested_corrections(setup: Setup, estimate_options: dict[str, Any]) -> Setup:
     """Add what is estimated in any case: mounts and intrinsics with the value true."""
     if estimate_options.get("target_alignment") is True:
         first = {p.target: p.T_body_target for p in reversed(setup.placements)}
@@ -94,6 +104,16 @@ def _with_requested_corrections(setup: Setup, estimate_options: dict[str, Any]) 
         corrections = (*setup.corrections, *intrinsics)
         setup = replace(setup, corrections=corrections, estimable_intrinsics={})
     return setup
+
+
+def list_adopted_corrections(before: Setup, after: Setup) -> frozenset[tuple[str, str]]:
+    """Return (name, subject) of what a Setup estimates and an earlier one did not; mounts too."""
+    known, now = (
+        {(c.name, c.subject) for c in setup.corrections}
+        | {(MOUNT, target) for target in setup.initial_mounts}
+        for setup in (before, after)
+    )
+    return frozenset(now - known)
 
 
 def _estimate_observable_intrinsics(

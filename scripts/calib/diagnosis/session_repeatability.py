@@ -32,31 +32,22 @@ def session_setup(setup: Setup, result: EstimationResult, session: str) -> Setup
     indices = [
         i for i, p in enumerate(setup.placements) if p.session == session and p.moving_view is None
     ]
-    new_index = {k: i for i, k in enumerate(indices)}
     markers_twist = get_correction_values(setup, result.state, ROBOT_MARKERS, session)
     T_robot_markers = np.eye(4) if markers_twist is None else se3_exp(markers_twist)
+    alone = setup.at_placements(indices)
     placements = [
         replace(
             p,
             T_robot_body=T_robot_markers @ p.T_robot_body,
             T_body_target=result.state.mounts.get(p.target, p.T_body_target),
         )
-        for p in (setup.placements[k] for k in indices)
+        for p in alone.placements
     ]
-    groups = [
-        replace(g, placement=new_index[g.placement], initial_features=None)
-        for g in setup.groups
-        if g.placement in new_index
-    ]
-    sensors = {g.sensor for g in groups}
-    corrections = [
-        c for c in setup.corrections if isinstance(c, ModelCorrection) and c.subject in sensors
-    ]
+    corrections = [c for c in alone.corrections if isinstance(c, ModelCorrection)]
     return replace(
-        setup,
-        models={n: m for n, m in setup.models.items() if n in sensors},
+        alone,
         placements=placements,
-        groups=groups,
+        groups=[replace(g, initial_features=None) for g in alone.groups],
         initial_mounts={},
         corrections=tuple(corrections),
     )

@@ -1,7 +1,7 @@
 """Input of the estimation: placements, groups of keypoints, and the order of the unknowns."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -158,6 +158,29 @@ class Setup:
         ends = np.cumsum([0] + [c.n_values for c in self.corrections]).tolist()
         slices = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
         return list(zip(self.corrections, slices, strict=True))
+
+    def at_placements(self, indices: Sequence[int]) -> "Setup":
+        """Return the Setup of some placements, by index, and of the sensors that see them.
+
+        Corrections of what is left out are left out too.
+        """
+        new_index = {k: i for i, k in enumerate(indices)}
+        placements = [self.placements[k] for k in indices]
+        groups = [
+            replace(g, placement=new_index[g.placement])
+            for g in self.groups
+            if g.placement in new_index
+        ]
+        sensors, targets = {g.sensor for g in groups}, {p.target for p in placements}
+        subjects = sensors | targets | {p.session for p in placements}
+        return replace(
+            self,
+            models={n: m for n, m in self.models.items() if n in sensors},
+            placements=placements,
+            groups=groups,
+            initial_mounts={n: T for n, T in self.initial_mounts.items() if n in targets},
+            corrections=tuple(c for c in self.corrections if c.subject in subjects),
+        )
 
     def correction_slice(self, name: str, subject: str) -> slice | None:
         """Return the slice of θ of a correction, or None if it is not estimated."""
