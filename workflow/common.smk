@@ -80,7 +80,8 @@ def options_json(**slices):
 def decode_options(wildcards):
     rig, session = RIGS[wildcards.rig], SESSIONS[wildcards.session]
     sensors = {name: decode_slice(rig["sensors"][name]) for name in session["sensors"]}
-    mocap = {k: rig["mocap"][k] for k in ("topics", "map", "max_gap_s")}
+    keys = ("topics", "map", "max_gap_s", "unit", "quaternions")
+    mocap = {k: rig["mocap"][k] for k in keys}
     bodies = sorted({rig["body"]} | {TARGETS[t]["body"] for t in session["targets"]})
     span = {k: session.get(k) for k in ("from_s", "to_s")}
     return options_json(

@@ -281,7 +281,13 @@ def container_decode_options(mocap_type):
         "camera": {"kind": "camera", "topic": "/image"},
         "lidar": {"kind": "lidar", "topic": "/points"},
     }
-    mocap = {"topics": topics, "map": MAP_FRAME, "max_gap_s": 0.05}
+    mocap = {
+        "topics": topics,
+        "map": MAP_FRAME,
+        "max_gap_s": 0.05,
+        "unit": "auto",
+        "quaternions": "auto",
+    }
     span = {"from_s": None, "to_s": None}
     return {"sensors": sensors, "mocap": mocap, "bodies": sorted(names), "fingerprint": [], **span}
 

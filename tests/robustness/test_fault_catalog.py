@@ -63,7 +63,7 @@ def decode_options(folder):
     logs = [str(folder / p) for p in paths]
     bodies = sorted({rig["body"], *(t["body"] for t in targets)})
     span = {k: session.get(k) for k in ("from_s", "to_s")}
-    mocap = {"max_gap_s": 0.05} | rig["mocap"]
+    mocap = {"max_gap_s": 0.05, "unit": "auto", "quaternions": "auto"} | rig["mocap"]
     given = {"sensors": rig["sensors"], "mocap": mocap, "bodies": bodies, "fingerprint": [], **span}
     return logs if isinstance(session["log"], list) else logs[0], given
 

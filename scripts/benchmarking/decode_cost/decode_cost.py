@@ -70,6 +70,7 @@ def measure_one_log(path: Path, compression: str, content_bytes: float) -> Decod
 def decode_arguments(path: Path) -> tuple[str | Path, ...]:
     """Return the arguments of scripts/decode.py for a large log; outputs go into its folder."""
     mocap = {"topics": ["/tf"], "map": large_logs.MAP_FRAME, "max_gap_s": 0.05}
+    mocap |= {"unit": "auto", "quaternions": "auto"}
     options = {
         "log": str(path),
         "fingerprint": fingerprint_log(str(path)),

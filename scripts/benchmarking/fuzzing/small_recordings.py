@@ -52,7 +52,13 @@ FUZZ_SENSORS = {
     "scanner": {"kind": "lidar", "topic": "/scan"},
 }
 COMMON_DECODE_OPTIONS = {
-    "mocap": {"topics": {"/tf": None, "/pose": "cart"}, "map": "world", "max_gap_s": 0.05},
+    "mocap": {
+        "topics": {"/tf": None, "/pose": "cart"},
+        "map": "world",
+        "max_gap_s": 0.05,
+        "unit": "auto",
+        "quaternions": "auto",
+    },
     "bodies": ["board", "cart", "robot"],
     "fingerprint": [],
     "from_s": None,

@@ -16,8 +16,9 @@ from calib.io.parquet_tables import Columns, concatenate_columns
 from calib.io.status import OK, Status, did_you_mean, failure_status
 from calib.io.table_schemas import MOCAP_SCHEMA
 from calib.mocap.messages.pose_messages import POSE_READERS
-from calib.mocap.pose_conventions import to_si_xyzw
+from calib.mocap.pose_conventions import INFERRED, to_xyzw
 from calib.mocap.pose_faults import flag_poses
+from calib.mocap.position_unit import PositionUnit, find_position_unit
 from calib.mocap.swapped_bodies import flag_swaps
 
 
@@ -31,8 +32,13 @@ def build_mocap_columns(
     """
     parts: dict[Edge, list[Columns]] = {}
     notes = {}
-    for topic, sent_edges in decoded.streams.columns_by_topic().items():
-        edges, notes[topic] = to_si_xyzw(sent_edges)
+    sent = decoded.streams.columns_by_topic()
+    unit = _position_unit(decoded, sent, mocap_config)
+    for topic, sent_edges in sent.items():
+        in_metres = {edge: unit.to_metres(c) for edge, c in sent_edges.items()}
+        edges, notes[topic] = to_xyzw(in_metres, mocap_config["quaternions"])
+        if unit.basis:
+            notes[topic].insert(0, f"positions read as millimetres: {unit.basis}")
         for edge, c in edges.items():
             times = clocks[topic].message_times_ns(c["stamp_ns"], c["log_time_ns"])
             parts.setdefault(edge, []).append(c | {"stamp_ns": times})
@@ -45,6 +51,15 @@ def build_mocap_columns(
     )
     named = [{"body": np.full(len(c["stamp_ns"]), name, object)} | c for name, c in tracks.items()]
     return concatenate_columns(named, MOCAP_SCHEMA), notes
+
+
+def _position_unit(
+    decoded: DecodedLog, sent: dict[str, dict[Edge, Columns]], mocap_config: dict[str, Any]
+) -> PositionUnit:
+    """Return the unit of all positions: as configured, or as the wanted bodies tell it."""
+    if mocap_config["unit"] != INFERRED:
+        return PositionUnit(mocap_config["unit"])
+    return find_position_unit(sent, mocap_config["map"], decoded.streams.wanted_frames)
 
 
 def bodies_in_map(

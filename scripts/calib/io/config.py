@@ -15,6 +15,7 @@ import yaml
 
 from calib.io.safe_yaml import load_yaml
 from calib.io.status import InputError, did_you_mean
+from calib.io.yaml_scalars import quoting_advice, read_number_text
 
 SCHEMA_FOLDER = Path(__file__).parents[3] / "workflow" / "schemas"
 MAX_MESSAGE_CHARS = 500  # a message may quote a wrong value, which may be long
@@ -61,15 +62,29 @@ def _fill_and_check(
     """Set the defaults of missing keys, then check the keys as jsonschema does."""
     if isinstance(instance, dict):
         for name, sub in properties.items():
-            if "default" in sub and name not in instance:
+            if name in instance:
+                instance[name] = read_number_text(instance[name], sub)
+            elif "default" in sub:
                 instance[name] = yaml.safe_load(yaml.safe_dump(sub["default"]))
     yield from jsonschema.Draft202012Validator.VALIDATORS["properties"](
         validator, properties, instance, parent_schema
     )
 
 
+def _read_numbers_and_check(
+    validator: Any, items: Config, instance: Any, parent_schema: Config
+) -> Iterator[jsonschema.ValidationError]:
+    """Read the items of a list that are numbers as text, then check them as jsonschema does."""
+    if isinstance(instance, list):
+        instance[:] = [read_number_text(item, items) for item in instance]
+    yield from jsonschema.Draft202012Validator.VALIDATORS["items"](
+        validator, items, instance, parent_schema
+    )
+
+
 DefaultsValidator = jsonschema.validators.extend(
-    jsonschema.Draft202012Validator, {"properties": _fill_and_check}
+    jsonschema.Draft202012Validator,
+    {"properties": _fill_and_check, "items": _read_numbers_and_check},
 )
 
 
@@ -91,6 +106,7 @@ def validate_and_complete(kind: str, instance: Any, file_name: str | Path) -> Co
     if errors:
         message = _explain_error(jsonschema.exceptions.best_match(errors))
         raise InputError(f"{file_name}: {message[:MAX_MESSAGE_CHARS]}")
+    _require_finite(instance, file_name)  # again, with the numbers that were text
     return instance
 
 
@@ -152,6 +168,8 @@ def _explain_error(error: jsonschema.ValidationError) -> str:
     if error.validator == "pattern":
         remedy = "Use at most 64 of a-z, 0-9, _ and -, and begin with a letter or digit."
         return f"{path}: {error.instance!r} is not a valid name. {remedy}"
+    if error.validator == "type" and "string" in error.validator_value:
+        return f"{path}: {error.message}. {quoting_advice(error.instance)}".rstrip(" .") + "."
     return f"{path}: {error.message}"
 
 

@@ -2,7 +2,8 @@
 
 messages           readers of the messages of every driver
 pose_streams       streams of poses by topic and frame
-pose_conventions   units, quaternion order and up axis
+position_unit      metres or millimetres, by the distances between bodies
+pose_conventions   quaternion order and up axis
 pose_faults        faults of single poses: zeros, jumps, frozen poses, late stamps
 swapped_bodies     names that were swapped for a while
 body_poses_in_map  poses composed along a chain of frames

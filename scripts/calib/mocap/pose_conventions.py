@@ -1,15 +1,14 @@
-"""Units, quaternion order and up axis of motion capture, inferred from the poses."""
+"""Quaternion order and up axis of motion capture, inferred from the poses."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from calib.geometry.frame_graph import Edge
-from calib.geometry.units import MM_PER_M
 from calib.io.parquet_tables import Columns
-from calib.mocap.pose_faults import MAX_POSITION_M, flag_single_poses
+from calib.mocap.pose_faults import flag_single_poses
 
-MAX_MOCAP_DISTANCE_M = 50.0  # motion capture does not reach further; larger values are mm
+INFERRED = "auto"  # value of mocap.quaternions: the order that the poses tell
 # Path of a body that drives and turns on a floor: thickness / width, width, rotation.
 MAX_FLOOR_THICKNESS_RATIO, MIN_FLOOR_SPREAD_M, MIN_TURN_RAD = 0.1, 0.2, 0.5
 # Cosines between the rotation axis and the floor's normal.
@@ -31,41 +30,37 @@ class TurnAxes(NamedTuple):
     normal: np.ndarray
 
 
-def to_si_xyzw(columns_by_edge: dict[Edge, Columns]) -> tuple[dict[Edge, Columns], list[str]]:
-    """Return the edges of a topic in metres and xyzw, and notes on what was inferred.
+def to_xyzw(
+    columns_by_edge: dict[Edge, Columns], order: str = INFERRED
+) -> tuple[dict[Edge, Columns], list[str]]:
+    """Return the edges of a topic with quaternions as xyzw, and notes on what was inferred.
 
-    columns_by_edge: {(parent, child): columns}.
+    columns_by_edge: {(parent, child): columns}, m. order: xyzw, wxyz, or INFERRED.
     """
     notes = []
-    distance = max(_median_distance(c["xyz"]) for c in columns_by_edge.values())
-    if distance > MAX_MOCAP_DISTANCE_M:
-        notes.append(f"positions read as millimetres: bodies are {distance:.0f} from the origin")
-        columns_by_edge = {k: c | {"xyz": c["xyz"] / MM_PER_M} for k, c in columns_by_edge.items()}
     compared = [_compare_turn_axes(c["xyz"], c["quat"]) for c in columns_by_edge.values()]
     axes = [a for a in compared if a is not None]
-    if axes and all(
+    rolls_as_xyzw = bool(axes) and all(
         a.cos_xyzw < MAX_COS_ACROSS_NORMAL and a.cos_wxyz > MIN_COS_ALONG_NORMAL for a in axes
-    ):
-        notes.append("quaternions read as w, x, y, z: as x, y, z, w a body would roll as it drives")
+    )
+    if order == "wxyz" or (order == INFERRED and rolls_as_xyzw):
+        if order == INFERRED:
+            notes.append(
+                "quaternions read as w, x, y, z: as x, y, z, w a body would roll as it drives"
+            )
         columns_by_edge = {
             k: c | {"quat": np.roll(c["quat"], -1, axis=1)} for k, c in columns_by_edge.items()
         }
-    elif upright := [child for (_, child), c in columns_by_edge.items() if _is_upright_as_wxyz(c)]:
-        notes.append(
-            f"quaternion order may be w, x, y, z: {upright[0]} is upright only in that order. Read "
-            "as x, y, z, w. If no target is found, fix the publisher."
-        )
+    elif order == INFERRED:
+        upright = [child for (_, child), c in columns_by_edge.items() if _is_upright_as_wxyz(c)]
+        if upright:
+            notes.append(
+                f"quaternion order may be w, x, y, z: {upright[0]} is upright only in that order. "
+                "Read as x, y, z, w. If no target is found, set mocap.quaternions to wxyz."
+            )
     if axes and all(abs(a.normal[1]) > MIN_COS_ALONG_NORMAL for a in axes):
         notes.append("the y axis of the map points up: bodies drive across it. No result changes.")
     return columns_by_edge, notes
-
-
-def _median_distance(xyz: np.ndarray) -> float:
-    """Return the median distance of valid positions to the origin, without zeros."""
-    is_valid = (np.abs(xyz) < MM_PER_M * MAX_POSITION_M).all(1)  # neither NaN nor damaged
-    distances = np.linalg.norm(xyz[is_valid], axis=1)
-    distances = distances[distances > 0]
-    return float(np.median(distances)) if len(distances) else 0.0
 
 
 def _is_upright_as_wxyz(columns: Columns) -> bool:

@@ -9,7 +9,7 @@ from calib.mocap.mask_runs import find_runs
 
 Rows: TypeAlias = int | slice | np.ndarray
 
-MAX_POSITION_M = 1e5  # no map is as large
+MAX_POSITION_M = 1e8  # no map is as large: UTM and earth-centred ones reach 1e7
 MAX_QUAT_NORM_ERROR = 0.01
 # A carried or driving body does not move faster.
 MAX_BODY_SPEED_MPS, MAX_BODY_TURN_RADPS = 15.0, 30.0

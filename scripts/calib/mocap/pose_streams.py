@@ -54,6 +54,11 @@ class MocapStreams:
         self._streams: dict[tuple[str, Edge], PoseStream] = {}
         self.parents_by_body: dict[str, set[str]] = {}
 
+    @property
+    def wanted_frames(self) -> frozenset[str]:
+        """The wanted bodies, and the frames that they are given in."""
+        return frozenset(self._wanted_frames)
+
     def add_parent_frames(self, static_edges: Iterable[Edge]) -> None:
         """Also keep the streams of frames that carry bodies through static edges."""
         parents = {child: parent for parent, child in static_edges}

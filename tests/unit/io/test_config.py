@@ -1,6 +1,7 @@
 """What users write: completed where they are silent, refused in words where they are wrong."""
 
 import copy
+import datetime
 
 import numpy as np
 import pytest
@@ -106,6 +107,26 @@ def refusal(what, content):
 
 
 # --- what is right
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [("1e-3", 0.001), ("15e-5", 0.00015), ("2.5E3", 2500.0), ("-5e-2", -0.05), ("+3e0", 3.0)],
+)
+def test_a_number_that_yaml_reads_as_text_is_the_number_that_it_is(text, number):
+    assert yaml.safe_load(text) == text  # so YAML 1.1 has it
+    pose = {"xyz_m": [text, 0, 0], "rpy_deg": [0, 0, 0]}
+    found = complete("rig", edited("rig", "sensors.left.T_robot_sensor", pose))
+    assert found["sensors"]["left"]["T_robot_sensor"]["xyz_m"] == [pytest.approx(number), 0, 0]
+
+
+def test_a_text_that_looks_like_a_number_stays_text_where_text_is_expected():
+    assert complete("rig", edited("rig", "body", "1e-3"))["body"] == "1e-3"
+
+
+def test_a_whole_number_as_text_is_one_where_one_is_expected():
+    found = complete("rig", edited("rig", "sensors.left.size_px", ["128e1", 960]))
+    assert found["sensors"]["left"]["size_px"] == [1280, 960]
 
 
 @pytest.mark.parametrize("what", GOOD)
@@ -300,7 +321,18 @@ def test_a_missing_key_is_named_with_its_path(what, path, words):
 @pytest.mark.parametrize(
     "what, path, value, words",
     [
-        ("config", "gate.window_s", "1e-3", "gate.window_s: '1e-3' is not of type 'number'"),
+        ("config", "gate.window_s", "1e-3 s", "gate.window_s: '1e-3 s' is not of type 'number'"),
+        ("config", "gate.window_s", "1e999", "gate.window_s: inf is not a finite number"),
+        ("rig", "sensors.left.size_px", ["6.5e0", 480], "size_px.0: 6.5 is not of type 'integer'"),
+        ("rig", "body", 1, "body: 1 is not of type 'string'. YAML reads it as a number. Write it"),
+        ("rig", "mocap.map", True, "YAML reads yes, no, on and off as true and false. Write it"),
+        (
+            "diamond",
+            "body",
+            datetime.date(2026, 3, 1),
+            'YAML reads it as a date. Write it in quotes: "2026-03-01".',
+        ),
+        ("rig", "mocap.topics", {"/tf": 3}, 'YAML reads it as a number. Write it in quotes: "3".'),
         (
             "config",
             "gate.window_s",

@@ -5,7 +5,9 @@ to LOG_OPENERS with a function that imports it. Imports are inside the functions
 itself imports this module and needs no reader.
 """
 
+import glob
 import hashlib
+import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,6 +21,7 @@ if TYPE_CHECKING:  # these modules import rosbags
     from calib.io.logs.log_message import LogMessage, TopicInfo
 
 FINGERPRINT_BYTES = 1 << 20
+WILDCARD_NAME = re.compile(r"\{[^{}]*\}")  # of Snakemake, in the path of an input
 
 
 class RecordedLog(Protocol):
@@ -76,12 +79,19 @@ LOG_OPENERS: dict[str, Callable[[list[Path]], RecordedLog]] = {
 def find_log_files(log_config: str | list[str]) -> list[Path]:
     """Return the files of a config's `log`: one file, a rosbag2 folder, or a list of files.
 
-    Raises InputError if there is none, or one of an unknown format.
+    `~` is the home folder; `*`, `?` and `[]` stand for the files that match, in order of their
+    names. Raises InputError if there is none, or one of an unknown format.
     """
-    paths = [Path(p) for p in ([log_config] if isinstance(log_config, str) else log_config)]
+    names = [log_config] if isinstance(log_config, str) else log_config
+    paths = [path for name in names for path in _expand_name(name)]
     if len(paths) == 1 and paths[0].is_dir():
         paths = _find_files_in_folder(paths[0])
     for path in paths:
+        if WILDCARD_NAME.search(str(path)):
+            raise InputError(
+                f"{path}: Snakemake reads names in braces as wildcards. Rename the file or folder "
+                "without braces."
+            )
         if not path.is_file():
             raise InputError(
                 f"{path}: no such log. Check sessions.<name>.log in config/config.yaml."
@@ -92,6 +102,20 @@ def find_log_files(log_config: str | list[str]) -> list[Path]:
                 f"{', '.join(sorted(LOG_OPENERS))}. Run `ros2 bag convert` or `mcap convert`."
             )
     return paths
+
+
+def _expand_name(name: str) -> list[Path]:
+    """Return the paths that a name stands for; a path that exists is taken as it is written."""
+    path = Path(name).expanduser()
+    if path.exists() or not glob.has_magic(str(path)):
+        return [path]
+    found = sorted(Path(match) for match in glob.glob(str(path)))
+    if not found:
+        raise InputError(
+            f"{name}: no file matches this pattern. Check sessions.<name>.log in "
+            "config/config.yaml."
+        )
+    return found
 
 
 def _log_suffix(path: Path) -> str:

@@ -585,3 +585,42 @@ def test_an_sqlite_file_without_definitions_is_read_with_the_types_that_ros_ship
         "/topic": 10, "/rosout": 10, "/parameter_events": 0,
     }  # fmt: skip
     assert [m.content.data for m in log.iter_messages(["/topic"])][0] == "Hello, world! 0"
+
+
+# --- names of logs
+
+
+@pytest.fixture
+def run_files(tmp_path):
+    """A folder with two logs and one of a bracketed name."""
+    names = ("run_1.mcap", "run_2.mcap", "cut [3].mcap")
+    for name in names:
+        (tmp_path / name).touch()
+    return tmp_path
+
+
+def test_a_pattern_stands_for_the_files_that_match_in_order(run_files):
+    found = find_log_files(str(run_files / "run_*.mcap"))
+    assert found == [run_files / "run_1.mcap", run_files / "run_2.mcap"]
+    assert find_log_files([str(run_files / "run_[2-9].mcap")]) == [run_files / "run_2.mcap"]
+
+
+def test_a_tilde_is_the_home_folder(run_files, monkeypatch):
+    monkeypatch.setenv("HOME", str(run_files))
+    assert find_log_files("~/run_1.mcap") == [run_files / "run_1.mcap"]
+    assert find_log_files("~/run_?.mcap")[-1] == run_files / "run_2.mcap"
+
+
+def test_a_file_that_exists_is_no_pattern(run_files):
+    assert find_log_files(str(run_files / "cut [3].mcap")) == [run_files / "cut [3].mcap"]
+
+
+def test_a_pattern_without_a_match_is_refused_with_its_key(run_files):
+    with pytest.raises(InputError, match="no file matches this pattern. Check sessions.<name>.log"):
+        find_log_files(str(run_files / "drive_*.mcap"))
+
+
+def test_a_name_in_braces_is_refused_because_snakemake_reads_a_wildcard(run_files):
+    (run_files / "run {a}.mcap").touch()
+    with pytest.raises(InputError, match="names in braces as wildcards. Rename the file"):
+        find_log_files(str(run_files / "run {a}.mcap"))
