@@ -18,6 +18,8 @@ from calib.io.status import Status
 from calib.io.table_schemas import MOCAP_SCHEMA, PLACEMENTS_SCHEMA
 from calib.mocap import placements
 from calib.mocap.body_trajectory import relative_trajectory, trajectory_from_columns
+from calib.mocap.stillness import StillnessLimits
+from calib.mocap.stillness_losses import never_still_status
 
 
 def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -38,14 +40,23 @@ def main(argv: Sequence[str] | None = None) -> None:
     gap = options["mocap"]["max_gap_s"]
     robot = trajectory_from_columns(columns, options["body"], gap)
     rows, notes = [], {}
+    limits = StillnessLimits.from_config(options["gate"])
     for target, body in sorted(options["targets"].items()):
-        relative = relative_trajectory(robot, trajectory_from_columns(columns, body, gap))
+        trajectory = trajectory_from_columns(columns, body, gap)
+        relative = relative_trajectory(robot, trajectory)
         found = placements.find_target_placements(target, relative, options["gate"], sigma)
         still = [r for r in found if r["kind"] == "still"]
         rows += found
-        notes[target] = placements.still_target_status(
-            audit, options["body"], body, still
-        ).to_dict()
+        status = placements.body_status(audit, options["body"], body)
+        if status.ok and not still:
+            status = never_still_status(
+                options["body"],
+                body,
+                trajectory=relative,
+                stamps_ns=trajectory.stamps_ns,
+                limits=limits,
+            )
+        notes[target] = status.to_dict()
         logger.info("%s: %d still intervals of %d", target, len(still), len(found))
     status = Status.from_dict(audit[options["body"]]["status"])
     # The number of a placement is its row. Still ones come first, because people count these.

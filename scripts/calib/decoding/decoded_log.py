@@ -43,8 +43,8 @@ class DecodedLog:
 
     streams: poses of motion capture; frame_rows: one row per sensor message; probes: {sensor: what
     its first messages show}; static_transforms: {(parent, child): pose block}; frame_ids: {sensor:
-    frame of its messages}; n_unreadable, first_errors: {topic: number of unreadable messages} and
-    {topic: why the first is unreadable}.
+    frame of its messages}; camera_info_topics: of which there was a CameraInfo; n_unreadable,
+    first_errors: {topic: number of unreadable messages} and {topic: why the first is unreadable}.
     """
 
     def __init__(self, options: dict[str, Any]) -> None:
@@ -59,6 +59,7 @@ class DecodedLog:
         self.frame_rows: list[FrameRow] = []
         self.static_transforms: dict[Edge, dict[str, Any]] = {}
         self.frame_ids: dict[str, str] = {}
+        self.camera_info_topics: set[str] = set()
         self.n_unreadable: Counter[str] = Counter()
         self.first_errors: dict[str, str] = {}
 
@@ -98,6 +99,7 @@ class DecodedLog:
         self.probes[name].add_message(message)
 
     def _add_camera_info(self, message: LogMessage) -> None:
+        self.camera_info_topics.add(message.topic)
         for name, sensor in self.sensors.items():
             if sensor.get("camera_info") == message.topic:
                 self.probes[name].add_camera_info(message.content)
@@ -120,10 +122,10 @@ def decode_log(log: RecordedLog, options: dict[str, Any]) -> DecodedLog:
     """Read a log once, from from_s to to_s after its first message.
 
     Static transforms are read first, and also from before from_s: they are sent only once, and they
-    tell which frames are needed.
+    tell which frames are needed. So is a CameraInfo of which there is none after from_s.
     """
     decoded, sensors = DecodedLog(options), options["sensors"].values()
-    camera_infos = [s["camera_info"] for s in sensors if "camera_info" in s]
+    camera_infos = {s["camera_info"] for s in sensors if "camera_info" in s}
     topics = {*mocap_topics(options["mocap"]), *(s["topic"] for s in sensors), *camera_infos}
     start_ns, end_ns = _log_time_bounds(log, options)
     if TF_STATIC_TOPIC in log.topics:
@@ -133,7 +135,18 @@ def decode_log(log: RecordedLog, options: dict[str, Any]) -> DecodedLog:
     wanted = sorted(t for t in topics if t in log.topics and t != TF_STATIC_TOPIC)
     for message in log.iter_messages(wanted, start_ns, end_ns):
         decoded.add_message(message)
+    if start_ns is not None:
+        latched = camera_infos & set(log.topics) - decoded.camera_info_topics
+        for message in _last_messages(log, sorted(latched), start_ns):
+            decoded.add_message(message)
     return decoded
+
+
+def _last_messages(log: RecordedLog, topics: list[str], end_ns: int) -> list[LogMessage]:
+    """Return the last message of each topic before end_ns, ns."""
+    messages = log.iter_messages(topics, None, end_ns) if topics else ()
+    last = {message.topic: message for message in messages}
+    return [last[topic] for topic in topics if topic in last]
 
 
 def _log_time_bounds(log: RecordedLog, options: dict[str, Any]) -> tuple[int | None, int | None]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from calib.geometry.se3 import adjoint, invert_pose, mean_pose, pose_to_quat
-from calib.io.status import OK, Status, failure_status
+from calib.io.status import OK, Status
 from calib.mocap.body_trajectory import Trajectory
 from calib.mocap.stillness import (
     StillnessLimits,
@@ -74,14 +74,7 @@ def find_target_placements(
     target: str, trajectory: Trajectory, options: dict[str, Any], pose_sigma: np.ndarray
 ) -> list[dict[str, Any]]:
     """Return the rows of placements.parquet of one target, by time; options: block `gate`."""
-    limits = StillnessLimits(
-        window_s=options["window_s"],
-        max_linear_mps=options["max_linear_mps"],
-        max_angular_radps=np.radians(options["max_angular_dps"]),
-        trim_s=options["trim_s"],
-        min_duration_s=options["min_duration_s"],
-    )
-    still = find_still_intervals(trajectory, limits)
+    still = find_still_intervals(trajectory, StillnessLimits.from_config(options))
     moving = find_moving_intervals(still, trajectory.stamps_ns)
     placements = [("still", s, average_still_pose(trajectory, s, pose_sigma)) for s in still]
     placements += [("moving", s, middle_moving_pose(trajectory, s)) for s in moving]
@@ -92,19 +85,7 @@ def find_target_placements(
     return sorted(rows, key=lambda r: r["start_ns"])
 
 
-def still_target_status(
-    audit: dict[str, Any], robot: str, body: str, still_rows: list[dict[str, Any]]
-) -> Status:
-    """Return why a target has no still interval, or ok."""
-    for name in (robot, body):
-        status = Status.from_dict(audit[name]["status"])
-        if not status.ok:
-            return status
-    if not still_rows:
-        return failure_status(
-            f"{body} is never still relative to {robot}",
-            "0 still intervals",
-            "1 or more",
-            "Hold the target still for at least 1 s, or increase gate.max_linear_mps.",
-        )
-    return OK
+def body_status(audit: dict[str, Any], robot: str, body: str) -> Status:
+    """Return ok if the log has poses of the robot and of a body. audit: `bodies` of log.json."""
+    statuses = (Status.from_dict(audit[name]["status"]) for name in (robot, body))
+    return next((status for status in statuses if not status.ok), OK)

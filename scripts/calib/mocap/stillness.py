@@ -1,6 +1,7 @@
 """Intervals in which a body is still relative to another, and how much its poses there tell."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,17 @@ class StillnessLimits:
     max_angular_radps: float
     trim_s: float
     min_duration_s: float
+
+    @classmethod
+    def from_config(cls, options: dict[str, Any]) -> "StillnessLimits":
+        """Make them from block `gate`."""
+        return cls(
+            window_s=options["window_s"],
+            max_linear_mps=options["max_linear_mps"],
+            max_angular_radps=np.radians(options["max_angular_dps"]),
+            trim_s=options["trim_s"],
+            min_duration_s=options["min_duration_s"],
+        )
 
 
 def _fit_window_slopes(

@@ -72,9 +72,12 @@ def _status_finding(
     subject = ", ".join(names)
     if names_sessions:
         subject += f" in {', '.join(sorted({session for _, session in places}))}"
-    text = f"{subject}: {status.reason}"
-    text += f"; found {status.found}" if status.found else ""
+    text = f"{subject}: {_describe_status(status)}"
     return make_finding("status", names, level, text=text, remedy=status.remedy)
+
+
+def _describe_status(status: Status) -> str:
+    return f"{status.reason}; found {status.found}" if status.found else status.reason
 
 
 def preflight_sensor_findings(
@@ -159,7 +162,7 @@ def _moving_target_findings(session_name: str, session: PreflightSession) -> lis
             "status",
             [],
             "warn",
-            text=f"{target} in {session_name}: {status.reason}",
+            text=f"{target} in {session_name}: {_describe_status(status)}",
             remedy=status.remedy,
         )
         for target, status in sorted(failed.items())

@@ -5,9 +5,13 @@ import pytest
 
 from calib.geometry.se3 import pose_from_xyz_quat
 from calib.io.logs.open_log import open_log
+from calib.sensors.camera.camera_info_reader import CAMERA_INFO_TYPE
+from calib.sensors.camera.camera_info_writer import make_camera_info_message
+from calib.sensors.camera.camera_model import CameraModel
 from helpers import log_containers
 from helpers.log_containers import (
     BOARD_BODY,
+    CONTAINER_START_NS,
     LOG_CONTAINERS,
     MOCAP_TYPES,
     NS_PER_MS,
@@ -68,3 +72,41 @@ def test_a_message_is_found_again_in_every_container(tmp_path, container):
         again = log.read_message_content(m.topic, m.file_index, m.log_time_ns, m.index_at_log_time)
         stamped = again.transforms[0] if m.topic == "/tf" else again
         assert stamped.header.stamp == getattr(m.content, "transforms", [m.content])[0].header.stamp
+
+
+def camera_info_rows(*infos):
+    """Rows of a recording with a CameraInfo of a focal length, px, at each of the times, s."""
+    rows = make_container_rows("TFMessage")
+    for at_s, focal_px in infos:
+        lens = CameraModel("radtan", (focal_px, focal_px, 2.0, 1.0, 0.0, 0.0, 0.0, 0.0), (4, 2))
+        stamp_ns = CONTAINER_START_NS + round(at_s * 1e9)
+        info = make_camera_info_message(stamp_ns, "camera", lens)
+        rows.append((stamp_ns, "/camera_info", CAMERA_INFO_TYPE, info))
+    return sorted(rows, key=lambda row: row[0])
+
+
+@pytest.mark.parametrize(
+    "infos, focal_px",
+    [
+        ([(0.0, 300.0)], 300),
+        ([(0.0, 300.0), (0.04, 310.0)], 310),  # the last before from_s
+        ([(0.04, 300.0), (0.12, 320.0)], 320),  # one after from_s counts alone
+    ],
+)
+@pytest.mark.parametrize("container", ["mcap, zstd", "split", "rosbag2, sqlite3"])
+def test_a_camera_info_sent_once_before_from_s_gives_the_lens(tmp_path, container, infos, focal_px):
+    log = write_in_container(container, tmp_path, camera_info_rows(*infos))
+    options = container_decode_options("TFMessage") | {"from_s": 0.1}
+    options["sensors"]["camera"]["camera_info"] = "/camera_info"
+    _, frames, audit = log_containers.decode_tables(log, options)
+    camera = audit["sensors"]["camera"]
+    assert camera["status"]["ok"] and camera["camera"]["params"][0] == focal_px
+    assert frames["log_time_ns"].min() - CONTAINER_START_NS >= 100 * NS_PER_MS
+
+
+def test_a_camera_info_after_to_s_gives_no_lens(tmp_path):
+    log = write_in_container("mcap, zstd", tmp_path, camera_info_rows((0.15, 300.0)))
+    options = container_decode_options("TFMessage") | {"from_s": 0.05, "to_s": 0.1}
+    options["sensors"]["camera"]["camera_info"] = "/camera_info"
+    _, _, audit = log_containers.decode_tables(log, options)
+    assert audit["sensors"]["camera"]["status"]["reason"] == "no CameraInfo on /camera_info"
