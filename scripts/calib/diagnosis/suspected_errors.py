@@ -1,116 +1,23 @@
 """Suspected errors of targets and sensors, from the residuals of a converged estimate.
 
-Every candidate correction is put to a score test (score_test.py). The best one is accepted first,
-then the others are tested beside it: what no longer explains anything described the same error.
+Every candidate correction is put to a score test (score_test.py). A search finds the set of them
+that explains the residuals (error_search): what explains nothing beside the others describes the
+same error.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from calib.diagnosis.error_search.candidate_scores import ScoredCorrection, ScoreTests
+from calib.diagnosis.error_search.correction_search import AcceptedError, accept_errors
+from calib.diagnosis.error_search.score_terms import Candidate, list_candidates, make_noise_terms
 from calib.diagnosis.observability import LEVER_ARM_M
-from calib.diagnosis.score_terms import Candidate, list_candidates, make_noise_terms
 from calib.estimation.corrections.base import TestableCorrection
-from calib.estimation.corrections.score_test import (
-    NoiseTerm,
-    ScoreStep,
-    ScoreSystem,
-    cluster_scatter,
-    fit_score_step,
-    gain_p_value,
-)
-from calib.estimation.corrections.slips_and_bumps import SESSION_SHIFT_NAMES
+from calib.estimation.corrections.score_test import ScoreStep, gain_p_value
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
-
-P_CONSIDER = 1e-3  # p-value below which a correction is considered
-MAX_SUSPECTED_ERRORS = 6  # accepted beside each other
-# Share of the best gain from which another correction may be the true one.
-MIN_ALTERNATIVE_GAIN_RATIO = 0.5
-MIN_GAIN_PER_PARAMETER = 3.0  # log-likelihood gain that each further parameter must bring
-
-
-class ScoredCorrection(NamedTuple):
-    """A correction that explains more than chance.
-
-    step: with its parameters free. gain: in log likelihood, divided by scatter, the variance of
-    the scores of whole placements over what their information gives.
-    """
-
-    step: ScoreStep
-    gain: float
-    scatter: float
-
-
-Scores = dict[int, ScoredCorrection]  # by index of the candidate
-
-
-@dataclass(frozen=True)
-class AcceptedError:
-    """An accepted candidate, the step without it, and the scores of it and its alternatives."""
-
-    index: int
-    step_without: ScoreStep
-    scores: Scores
-
-
-@dataclass(frozen=True)
-class _ScoreTests:
-    """The candidates and the terms of their score tests."""
-
-    candidates: list[Candidate]
-    terms: dict[str, NoiseTerm]
-
-    def step(self, indices: Sequence[int]) -> ScoreStep:
-        """Return the step with the parameters of some candidates free."""
-        columns = [self.candidates[i].columns for i in indices]
-        return fit_score_step(self.terms, np.concatenate([np.zeros(0, int), *columns]))
-
-    def scores_beside(self, current: ScoreStep) -> Scores:
-        """Score the candidates that, beside those free in a step, explain more than chance."""
-        system, out = ScoreSystem(self.terms, current.variance_factors), {}
-        current_drop = system.cost_drop(current.free_index)
-        for i, (_, columns) in enumerate(self.candidates):
-            free = np.concatenate([current.free_index, columns])
-            drop = system.cost_drop(free) - current_drop
-            is_free = np.isin(columns, current.free_index).any()
-            if is_free or gain_p_value(drop, len(columns)) > P_CONSIDER:
-                continue
-            step = fit_score_step(self.terms, free)
-            scatter = cluster_scatter(self.terms, step, columns)
-            gain = (step.log_likelihood - current.log_likelihood) / scatter
-            if gain_p_value(gain, len(columns)) < P_CONSIDER:
-                out[i] = ScoredCorrection(step, gain, scatter)
-        return out
-
-    def best(self, scores: Scores) -> int:
-        """Return the candidate that explains the most for its number of parameters.
-
-        A target or sensor that moved within a session is preferred only if no permanent error
-        explains at least half as much.
-        """
-        largest = max(score.gain for score in scores.values())
-        permanent = [
-            i
-            for i, score in scores.items()
-            if self.candidates[i].correction.name not in SESSION_SHIFT_NAMES
-            and score.gain >= MIN_ALTERNATIVE_GAIN_RATIO * largest
-        ]
-        return max(
-            permanent or scores,
-            key=lambda i: scores[i].gain - MIN_GAIN_PER_PARAMETER * len(self.candidates[i].columns),
-        )
-
-    def beside_others(self, chosen: list[int], index: int) -> AcceptedError:
-        """Score a chosen candidate and its alternatives beside the other chosen ones."""
-        step = self.step([i for i in chosen if i != index])
-        scores = self.scores_beside(step)
-        minimum = MIN_ALTERNATIVE_GAIN_RATIO * scores[index].gain if index in scores else np.inf
-        return AcceptedError(
-            index, step, {i: score for i, score in scores.items() if score.gain >= minimum}
-        )
 
 
 def find_suspected_errors(
@@ -128,9 +35,9 @@ def find_suspected_errors(
     if result.solve_result is None:
         return []
     candidates = list_candidates(corrections)
-    tests = _ScoreTests(candidates, make_noise_terms(setup, result, candidates))
+    tests = ScoreTests(candidates, make_noise_terms(setup, result, candidates))
     sensors = sorted(setup.models)
-    out = [_suspected_error_json(tests, sensors, error) for error in _accept_errors(tests)]
+    out = [_suspected_error_json(tests, sensors, error) for error in accept_errors(tests)]
     remedies = {error["remedy"] for error in out}
     for error in out:
         others = remedies - {error["remedy"]}
@@ -138,32 +45,11 @@ def find_suspected_errors(
     return sorted(out, key=_pose_impact_m, reverse=True)
 
 
-def _accept_errors(tests: _ScoreTests) -> list[AcceptedError]:
-    """Accept the best candidate, then others beside it as long as they explain more than chance.
-
-    Candidates that later ones have made superfluous are removed, or replaced by an alternative.
-    """
-    chosen: list[int] = []
-    while len(chosen) < MAX_SUSPECTED_ERRORS:
-        scores = tests.scores_beside(tests.step(chosen))
-        if not scores:
-            break
-        chosen.append(tests.best(scores))
-    for _ in range(MAX_SUSPECTED_ERRORS):
-        errors = [tests.beside_others(chosen, i) for i in chosen]
-        revised = list(dict.fromkeys(tests.best(e.scores) for e in errors if e.scores))
-        if revised == chosen:
-            break
-        chosen = revised
-    errors = [tests.beside_others(chosen, i) for i in chosen]
-    return [e for e in errors if e.index in e.scores]
-
-
 def _suspected_error_json(
-    tests: _ScoreTests, sensors: list[str], error: AcceptedError
+    tests: ScoreTests, sensors: list[str], error: AcceptedError
 ) -> dict[str, Any]:
     correction, columns = tests.candidates[error.index]
-    score = error.scores[error.index]
+    score = error.score
     alternatives = [
         i
         for i in sorted(error.scores, key=lambda i: -error.scores[i].gain)

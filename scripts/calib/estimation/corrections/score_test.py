@@ -206,3 +206,8 @@ def likelihood_gain(value: float, sigma: float) -> float:
 def gain_p_value(gain: float, size: int) -> float:
     """Return the probability of at least that gain in log likelihood by `size` values by chance."""
     return float(stats.chi2.sf(2 * max(gain, 0.0), size))
+
+
+def min_gain(p_value: float, size: int) -> float:
+    """Return the gain in log likelihood by `size` values that has this p-value."""
+    return float(stats.chi2.isf(p_value, size)) / 2
