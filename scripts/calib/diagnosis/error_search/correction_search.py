@@ -126,7 +126,5 @@ class _CorrectionSearch:
         ]
         return max(
             permanent or gains,
-            key=lambda i: (
-                gains[i] - MIN_GAIN_PER_PARAMETER * len(self.tests.candidates[i].columns)
-            ),
+            key=lambda i: gains[i] - MIN_GAIN_PER_PARAMETER * len(self.tests.candidates[i].columns),
         )

@@ -78,7 +78,7 @@ def test_as_likely_as_the_true_errors_themselves(seed):
 def test_a_mixture_taken_first_gives_way_to_the_two_errors_that_it_mixes():
     rng = np.random.default_rng(0)
     slopes = 10 * rng.normal(size=(N_RESIDUALS, 3))
-    slopes[:, 2] = slopes[:, 0] + slopes[:, 1] + 0.5 * slopes[:, 2]
+    slopes[:, 2] = slopes[:, 0] + slopes[:, 1] + slopes[:, 2]
     residuals = -slopes[:, :2] @ [0.05, 0.05] + rng.normal(size=N_RESIDUALS)
     assert [error.index for error in accept_errors(score_tests(residuals, slopes))] == [0, 1]
 
