@@ -57,3 +57,51 @@ def test_what_was_not_asked_for_is_null(results):
     assert camera(results, False)["intrinsics"] is None
     assert camera(results, True)["time_offset_note"] == "not observable: no relative motion"
     assert camera(results, True)["time_offset_s"] is None
+
+
+# --- as a new user would: nothing known of the mount, default noise of the arm
+
+
+@pytest.fixture(scope="module")
+def by_default(tmp_path_factory):
+    """calibration.json with `mount: unknown` and a lens as stated (False) or estimated (True)."""
+    source, folder = find_shared_data("rosi_charuco"), tmp_path_factory.mktemp("rosi_default")
+    for name in ("config", "log"):
+        shutil.copytree(source / name, folder / name, copy_function=shutil.copyfile)
+    edit_yaml(folder / "config/targets/charuco.yaml", _forget_mount)
+    found = {}
+    for wanted in (False, True):
+        change = {"solve": {"estimate": {"intrinsics": wanted}}}
+        edit_yaml(folder / "config/config.yaml", lambda c, more=change: c.update(more))
+        run_snakemake(folder, "results/cell/calibration.json")
+        found[wanted] = {
+            name: json.loads((folder / f"results/cell/{name}.json").read_text())
+            for name in ("calibration", "solution", "verdict")
+        }
+    return found
+
+
+def _forget_mount(target):
+    for key in ("T_body_target", "alignment_sigma"):
+        target.pop(key)
+    target["mount"] = "unknown"
+
+
+def test_a_lens_without_its_distortion_is_the_first_suspicion_and_k1_is_about_minus_0_13(
+    by_default,
+):
+    first = by_default[False]["solution"]["suspected_errors"][0]
+    assert (first["name"], first["subject"]) == ("distortion", "camera")
+    assert first["estimate"][0] == pytest.approx(-0.134, abs=3 * first["sigma"][0])
+    assert first["remedy"].startswith("set solve.estimate.intrinsics: true")
+    findings = by_default[False]["verdict"]["findings"]
+    causes = [f for f in findings if f["check"] == "suspected_error"]
+    assert "distortion k1 -0.1" in causes[0]["text"]
+
+
+def test_with_the_advice_followed_the_pose_is_that_of_the_independent_fit_to_2_mm(by_default):
+    advised = by_default[True]
+    xyz = advised["calibration"]["sensors"]["camera"]["T_robot_sensor"]["xyz_m"]
+    assert np.linalg.norm(np.subtract(xyz, [-0.0193, 1.2637, 0.2887])) < 0.002
+    assert advised["verdict"]["verdict"] in ("pass", "warn")
+    assert {e["name"] for e in advised["solution"]["suspected_errors"]} <= {"square_size"}

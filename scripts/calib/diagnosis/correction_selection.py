@@ -10,7 +10,7 @@ from calib.diagnosis.consider_covariance import with_consider_covariance
 from calib.diagnosis.leave_one_out import leave_one_out_rms
 from calib.diagnosis.suspected_errors import find_suspected_errors
 from calib.estimation.corrections.base import ModelCorrection
-from calib.estimation.corrections.camera_intrinsics import (
+from calib.estimation.corrections.camera.camera_intrinsics import (
     INTRINSICS,
     find_unobservable_intrinsics,
     make_intrinsics_correction,

@@ -23,7 +23,7 @@ from calib.diagnosis.residual_statistics import (
     usage_counts,
 )
 from calib.diagnosis.sensor_status import recording_advice
-from calib.estimation.corrections.camera_intrinsics import get_intrinsics_estimate
+from calib.estimation.corrections.camera.camera_intrinsics import get_intrinsics_estimate
 from calib.estimation.corrections.clock_drift import clock_drift_json
 from calib.estimation.corrections.clock_offset import time_offset_json
 from calib.estimation.estimation_problem import Setup

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.estimation.corrections.camera_intrinsics import INTRINSICS
+from calib.estimation.corrections.base import ModelCorrection
 from calib.estimation.corrections.group_linearization import GroupLinearization
 from calib.estimation.estimate_state import State, apply_step
 from calib.estimation.estimation_problem import SensorModel, Setup
@@ -22,6 +22,7 @@ from calib.estimation.pose_chain import (
     prior_means_and_weights,
 )
 from calib.estimation.residuals.assignment import Assignment
+from calib.sensors.camera.camera_model import CameraModel
 
 DAMPING_SIGMA = 0.1  # m, rad
 
@@ -86,7 +87,10 @@ def solve_round(
 def linearize_measurements(
     setup: Setup, nlp: JointNlp, state: State, assignments: Sequence[Assignment]
 ) -> list[Factor]:
-    """Return the Factor of every group at the current estimate."""
+    """Return the Factor of every group at the current estimate.
+
+    nlp: with the models of cameras_at_estimate.
+    """
     x, scale = pack_unknowns(setup, state)
     return nlp.linearize(
         x=x,
@@ -123,8 +127,9 @@ def correction_derivatives(
 
 
 def cameras_at_estimate(setup: Setup, state: State) -> dict[str, SensorModel]:
-    """Return the current models, by sensor, of the cameras whose intrinsics are estimated."""
-    cameras = {c.subject for c in setup.corrections if c.name == INTRINSICS}
+    """Return the current models, by sensor, of the cameras whose lens is estimated."""
+    corrected = {c.subject for c in setup.corrections if isinstance(c, ModelCorrection)}
+    cameras = {n for n in corrected if isinstance(setup.models[n], CameraModel)}
     first = {g.sensor: g for g in reversed(setup.groups) if g.sensor in cameras}
     return {name: model_with_corrections(setup, state, g) for name, g in first.items()}
 

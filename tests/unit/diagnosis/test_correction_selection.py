@@ -14,6 +14,7 @@ from calib.estimation.nlp.information_matrix import covariance_from_information
 from calib.estimation.pose_chain import model_with_corrections
 from calib.estimation.round_solution import (
     build_nlp,
+    cameras_at_estimate,
     correction_derivatives,
     linearize_measurements,
     solve_round,
@@ -185,6 +186,7 @@ def test_slopes_by_the_numbers_are_those_of_the_residuals():
         "range_bias",
         "beam_width",
         "outline_vs_surface",
+        "distortion",
     }
     made = replace(made, corrections=found)
     state = initial_state(made, synthetic_setup.TRUE_POSES, 1.0)
@@ -208,7 +210,9 @@ def test_residuals_of_the_kernels_are_those_of_the_assignment_with_everything_es
     state = initial_state(made, synthetic_setup.TRUE_POSES, 1.0)
     state = replace(state, correction_values=0.3 * made.correction_sigma)
     assigned = assign_measurements(made, state)
-    parts = linearize_measurements(made, build_nlp(made), state, assigned)
+    nlp = build_nlp(made)
+    nlp.set_models(cameras_at_estimate(made, state))
+    parts = linearize_measurements(made, nlp, state, assigned)
     for a, part in zip(assigned, parts, strict=True):
         member = a.feature >= 0
         np.testing.assert_allclose(

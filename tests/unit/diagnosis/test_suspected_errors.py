@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.suspected_errors import find_suspected_errors
-from calib.estimation.corrections.camera_intrinsics import make_intrinsics_correction
+from calib.estimation.corrections.camera.camera_intrinsics import make_intrinsics_correction
 from calib.estimation.corrections.correction_catalog import (
     list_corrections_and_shifts,
     list_testable_corrections,

@@ -3,7 +3,7 @@
 base                  Correction and its four kinds: testable, estimable, of a model, of a clock
 target_errors         sizes of targets, mounts
 slips_and_bumps       targets that slip, sensors that are bumped
-camera_intrinsics     focal length, principal point; all parameters, estimated on request
+camera                errors of a lens: focal length, principal point, distortion
 clock_offset, clock_drift   estimated if observable
 lidar                 errors of a lidar: ranges, outlines
 mocap                 errors of the motion capture: the robot's markers

@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from typing import Protocol
 
 from calib.estimation.corrections.base import TestableCorrection
-from calib.estimation.corrections.camera_intrinsics import make_lens_corrections
+from calib.estimation.corrections.camera.camera_intrinsics import make_lens_corrections
+from calib.estimation.corrections.camera.lens_distortion import make_distortion_corrections
 from calib.estimation.corrections.lidar.lidar_outline_errors import (
     make_beam_width_corrections,
     make_outline_twist_corrections,
@@ -43,6 +44,7 @@ CORRECTION_SOURCES: tuple[CorrectionSource, ...] = (
     make_cylinder_corrections,
     make_mount_corrections,
     make_lens_corrections,
+    make_distortion_corrections,
     make_range_corrections,
     make_beam_corrections,
     make_beam_width_corrections,

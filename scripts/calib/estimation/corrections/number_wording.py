@@ -14,6 +14,12 @@ def format_value_sigma(value: float, sigma: float, display_factor: float, unit: 
     return f"{value:.{digits}f} ± {sigma:.{digits}f}{_spaced(unit)}"
 
 
+def format_signed_sigma(value: float, sigma: float) -> str:
+    """Format a value without a unit, with its sign, as `-0.134 ± 0.012`."""
+    digits = _decimals_for_sigma(sigma)
+    return f"{value:.{digits}f} ± {sigma:.{digits}f}"
+
+
 def format_vector_sigma(
     values: np.ndarray, sigmas: np.ndarray, display_factor: float, unit: str
 ) -> str:

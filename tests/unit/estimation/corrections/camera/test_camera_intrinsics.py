@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calib.diagnosis.correction_selection import estimate_with_corrections
-from calib.estimation.corrections.camera_intrinsics import (
+from calib.estimation.corrections.camera.camera_intrinsics import (
     get_intrinsics_estimate,
     intrinsics_parameter_names,
 )

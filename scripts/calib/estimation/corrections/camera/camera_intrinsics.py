@@ -71,10 +71,15 @@ def make_intrinsics_correction(
     sigma = [
         PRIOR_SIGMA_PER_IMAGE_SIZE[n] * size
         if n in PRIOR_SIGMA_PER_IMAGE_SIZE
-        else PRIOR_SIGMA_BY_PARAMETER.get(n, DEFAULT_PRIOR_SIGMA)
+        else distortion_prior_sigma(n)
         for n in intrinsics_parameter_names(camera, count)
     ]
     return IntrinsicsCorrection(sensor, np.array(sigma))
+
+
+def distortion_prior_sigma(parameter: str) -> float:
+    """Return the σ of the prior of a parameter of the distortion, by its name."""
+    return PRIOR_SIGMA_BY_PARAMETER.get(parameter, DEFAULT_PRIOR_SIGMA)
 
 
 def intrinsics_parameter_names(camera: CameraModel, count: int) -> tuple[str, ...]:
@@ -145,7 +150,7 @@ class FocalLengthCorrection(SensorCorrection):
 
     @property
     def remedy(self) -> str:
-        return _lens_remedy(self.subject)
+        return lens_remedy(self.subject)
 
 
 @dataclass(frozen=True)
@@ -164,32 +169,45 @@ class PrincipalPointCorrection(SensorCorrection):
 
     @property
     def remedy(self) -> str:
-        return _lens_remedy(self.subject)
+        return lens_remedy(self.subject)
 
 
 def make_lens_corrections(setup: Setup) -> Iterator[SensorCorrection]:
-    """Yield the corrections of the lens of every camera."""
-    for name, camera in sorted(setup.models.items()):
-        if isinstance(camera, CameraModel):
-            yield FocalLengthCorrection(name, camera.params[_parameter_index(camera, "fx")])
-            yield PrincipalPointCorrection(name)
+    """Yield the corrections of focal length and centre of every camera."""
+    for name, camera in cameras_with_stated_lens(setup):
+        yield FocalLengthCorrection(name, camera.params[find_parameter_index(camera, "fx")])
+        yield PrincipalPointCorrection(name)
+
+
+def cameras_with_stated_lens(setup: Setup) -> list[tuple[str, CameraModel]]:
+    """Return (name, camera) of the cameras whose parameters are not estimated."""
+    return [
+        (name, camera)
+        for name, camera in sorted(setup.models.items())
+        if isinstance(camera, CameraModel) and setup.correction_slice(INTRINSICS, name) is None
+    ]
 
 
 def _scale_focal_lengths(camera: CameraModel, values: np.ndarray) -> CameraModel:
     params = np.array(camera.params)
-    params[[_parameter_index(camera, p) for p in ("fx", "fy")]] *= 1 + values[0]
+    params[[find_parameter_index(camera, p) for p in ("fx", "fy")]] *= 1 + values[0]
     return replace(camera, params=tuple(params))
 
 
 def _shift_principal_point(camera: CameraModel, values: np.ndarray) -> CameraModel:
     params = np.array(camera.params)
-    params[[_parameter_index(camera, p) for p in ("cx", "cy")]] += values
+    params[[find_parameter_index(camera, p) for p in ("cx", "cy")]] += values
     return replace(camera, params=tuple(params))
 
 
-def _parameter_index(camera: CameraModel, parameter: str) -> int:
+def find_parameter_index(camera: CameraModel, parameter: str) -> int:
+    """Return the place of a parameter, by its name, in the params of a camera."""
     return CAMERA_MODELS[camera.model].PARAMETER_NAMES.index(parameter)
 
 
-def _lens_remedy(name: str) -> str:
-    return f"calibrate the lens of {name} again, at the focus and image size of the recording"
+def lens_remedy(name: str) -> str:
+    """Say what to do about a lens that is not as its params state."""
+    return (
+        "set solve.estimate.intrinsics: true, or calibrate the lens again at the focus and image "
+        f"size of the recording, with a model that fits it, for the params of {name}"
+    )
