@@ -28,7 +28,9 @@ from helpers.synthetic_setup import (
 
 LAYOUT = [("board", None)] * 10
 SURE = 1e-5  # the judge's own limit on the chance
-FISHEYE = CameraModel("kannala_brandt", (420, 420, 450, 350, 0.03, -0.01, 0.004, -0.001), (900, 700))
+FISHEYE = CameraModel(
+    "kannala_brandt", (420, 420, 450, 350, 0.03, -0.01, 0.004, -0.001), (900, 700)
+)
 WIDE = CameraModel("double_sphere", (300, 300, 450, 350, -0.2, 0.55), (900, 700))
 LIMITS = {
     "max_rounds": 40,
