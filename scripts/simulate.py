@@ -108,6 +108,9 @@ ERROR_ARGUMENTS = (  # flag, default, help
     ("--bump-m", 0.0, "of the rig's last sensor in the last session: length"),
     ("--bump-deg", 0.0, "and angle"),
     ("--target-scale", 1.0, "size of the targets as built over the size written in the config"),
+    ("--board-bow-x-m", 0.0, "height of a board's middle over its ends along x"),
+    ("--board-bow-y-m", 0.0, "likewise along y"),
+    ("--board-twist-m", 0.0, "height of a board where x and y are largest, by its twist"),
     ("--guess-error-m", 0.03, "written guess: uniform per axis within ±"),
     ("--guess-error-deg", 5.0, "likewise"),
 )
@@ -198,17 +201,18 @@ def _draw_session(
     target_mounts: Mapping[str, np.ndarray],
 ) -> SessionTruth:
     """Draw the placements and the errors of one session."""
-    # Drawn with targets of the size written in the config, whatever size they are built in.
+    # Drawn with flat targets of the size written in the config, whatever size they are built in.
     settings = PlacementSettings(build_scene(args.targets), rig, layouts, args.upright)
     rng = _make_rng(args, PLACEMENT_SEED, number)
     drawn = draw_placements(rng, settings, args.placements)
     times = schedule_placements(drawn.time_slots, args.hold_s, args.move_s)
     start_ns, end_ns = mcs_time_span(times)
+    board_warp = (args.board_bow_x_m, args.board_bow_y_m, args.board_twist_m)
     remount_m, remount_deg = (args.remount_m, args.remount_deg) if number else (0.0, 0.0)
     return SessionTruth(
         name=name,
         session_number=number,
-        scene=build_scene(args.targets, args.target_scale),
+        scene=build_scene(args.targets, args.target_scale, board_warp),
         rig=rig,
         placement_times_ns=times,
         placement_poses=drawn.placement_poses,

@@ -26,7 +26,7 @@ CAMERA_MODEL = CameraModel("radtan", LENS_PARAMS, (900, 700))
 AZIMUTH_STEP_RAD = np.radians(0.2)
 LIDAR_MODEL = LidarModel(AZIMUTH_STEP_RAD, np.radians(2.0), None, None, (0.3, 100.0), 0.01)
 BOARD_OUTLINE_M = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
-BOARD_TARGET = Board(BOARD_OUTLINE_M, 0.0, Checkerboard(6, 5, 0.08, (-0.2, -0.16)))
+BOARD_TARGET = Board(BOARD_OUTLINE_M, 0.0, Checkerboard(6, 5, 0.08, (-0.2, -0.16)), flatness=0.002)
 CYLINDER_TARGET = Cylinder(0.8, 0.1)
 TARGETS_BY_NAME = {"board": BOARD_TARGET, "cylinder": CYLINDER_TARGET}
 SENSOR_MODELS = {"camera": CAMERA_MODEL, "lidar": LIDAR_MODEL}
@@ -62,6 +62,11 @@ def scale_pattern(factor):
 def scale_outline(x, y):
     """Targets with an outline so much wider and higher."""
     return TARGETS_BY_NAME | {"board": replace(BOARD_TARGET, vertices=BOARD_OUTLINE_M * [x, y])}
+
+
+def warp_board(bow_x, bow_y, twist):
+    """Targets with a board that is bowed and twisted by so much, m."""
+    return TARGETS_BY_NAME | {"board": replace(BOARD_TARGET, warp=(bow_x, bow_y, twist))}
 
 
 def scale_focal_length(factor):
@@ -154,7 +159,8 @@ def measure_target(
                 )
             )
         return found
-    uv, valid = world.camera.project(transform_points(T, target.pattern.corners()))
+    corners = target.lift(target.pattern.corners())
+    uv, valid = world.camera.project(transform_points(T, corners))
     assert valid.all()
     uv = uv + measurement_noise_factor * PIXEL_SIGMA_PX * rng.normal(size=uv.shape)
     index = np.arange(len(uv))
@@ -171,7 +177,7 @@ def measure_target(
 def _draw_returns(rng, world, target, T, k, noise, n=180):
     """Points of the side that faces the lidar, in rings by height, noise along the beam."""
     if isinstance(target, Board):
-        q = np.column_stack([rng.uniform(-0.45, 0.45, (n, 2)), np.zeros(n)])
+        q = target.lift(np.column_stack([rng.uniform(-0.45, 0.45, (n, 2)), np.zeros(n)]))
     else:
         sensor, r = invert_pose(T)[:3, 3], target.radius
         around = np.arctan2(sensor[2], sensor[1]) + rng.uniform(-1.0, 1.0, n)
@@ -188,7 +194,7 @@ def _draw_crossings(rng, target, T, k, noise, n=6):
     """Rays on the edges of a board, each off in azimuth by up to half a step of the scan."""
     share = rng.uniform(0.1, 0.9, (4, n, 1))
     ends = target.outline_edges()[:, :, None]
-    q = (ends[:, 0] + share * (ends[:, 1] - ends[:, 0])).reshape(-1, 3)
+    q = target.lift((ends[:, 0] + share * (ends[:, 1] - ends[:, 0])).reshape(-1, 3))
     p = transform_points(T, q)
     ray = p / np.linalg.norm(p, axis=1)[:, None]
     turn = AZIMUTH_STEP_RAD * noise * rng.uniform(-0.5, 0.5, len(ray))

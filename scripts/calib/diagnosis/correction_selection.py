@@ -10,6 +10,7 @@ from calib.diagnosis.consider_covariance import with_consider_covariance
 from calib.diagnosis.leave_one_out import leave_one_out_rms
 from calib.diagnosis.suspected_errors import find_suspected_errors
 from calib.estimation.corrections.base import ModelCorrection
+from calib.estimation.corrections.board_shape import BOARD_SHAPE
 from calib.estimation.corrections.camera.camera_intrinsics import (
     INTRINSICS,
     find_unobservable_intrinsics,
@@ -40,6 +41,7 @@ MAX_ROUNDS = 4  # of accepting corrections
 CORRECTIONS_BY_KEY = {  # names of corrections by key of solve.estimate
     "lidar_corrections": ("beam_offsets", "range_bias", "beam_width", "outline_vs_surface"),
     "target_alignment": (MOUNT,),
+    "board_shape": (BOARD_SHAPE,),
 }
 
 

@@ -7,7 +7,12 @@ import numpy as np
 from calib.estimation.estimate_state import State
 from calib.estimation.estimation_problem import MeasurementGroup, Setup
 from calib.estimation.noise.noise_model import noise_key
-from calib.estimation.pose_chain import T_sensor_target, deskew_group, model_with_corrections
+from calib.estimation.pose_chain import (
+    T_sensor_target,
+    deskew_group,
+    model_with_corrections,
+    target_with_corrections,
+)
 from calib.estimation.residuals.assignment import Assignment
 from calib.estimation.residuals.residual_registry import (
     RESIDUAL_KINDS,
@@ -45,7 +50,7 @@ def _assign_group(
     group = deskew_group(setup, state, group)
     return assign(
         model_with_corrections(setup, state, group),
-        setup.targets[setup.placements[group.placement].target],
+        target_with_corrections(setup, state, setup.placements[group.placement].target),
         T_sensor_target(setup, state, group.sensor, group.placement),
         group.keypoints,
         options=setup.associate_options,

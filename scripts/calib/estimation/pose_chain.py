@@ -1,10 +1,11 @@
 """The chain of poses between sensors and targets; paper equation 1."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from calib.estimation.corrections.base import ModelCorrection
+from calib.estimation.corrections.base import ModelCorrection, TargetModelCorrection
 from calib.estimation.estimate_state import State, get_correction_values, get_local_motion
 from calib.estimation.estimation_problem import MeasurementGroup, SensorModel, Setup
 from calib.estimation.nlp.joint_nlp import LinearizationPoses
@@ -22,6 +23,15 @@ def model_with_corrections(setup: Setup, state: State, group: MeasurementGroup) 
             values = state.correction_values[part]
             model = correction.apply_to_model(model, values, group.placement)
     return model
+
+
+def target_with_corrections(setup: Setup, state: State, target: str) -> Any:
+    """Return the shape of a target, by its name, with its corrections."""
+    shape = setup.targets[target]
+    for correction, part in setup.correction_slices:
+        if isinstance(correction, TargetModelCorrection) and correction.subject == target:
+            shape = correction.apply_to_target(shape, state.correction_values[part])
+    return shape
 
 
 def T_robot_body(setup: Setup, state: State, placement_index: int) -> np.ndarray:

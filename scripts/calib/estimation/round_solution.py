@@ -1,11 +1,11 @@
 """One round: linearize the measurements, solve the joint problem, step to its solution."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from calib.estimation.corrections.base import ModelCorrection
+from calib.estimation.corrections.base import ModelCorrection, TargetModelCorrection
 from calib.estimation.corrections.group_linearization import GroupLinearization
 from calib.estimation.estimate_state import State, apply_step
 from calib.estimation.estimation_problem import SensorModel, Setup
@@ -20,6 +20,7 @@ from calib.estimation.pose_chain import (
     moving_view_covariance,
     pack_unknowns,
     prior_means_and_weights,
+    target_with_corrections,
 )
 from calib.estimation.residuals.assignment import Assignment
 from calib.sensors.camera.camera_model import CameraModel
@@ -62,7 +63,7 @@ def solve_round(
     """Solve the joint problem with assignments and noise fixed."""
     x, scale = pack_unknowns(setup, state)
     poses, prior = linearization_poses(setup, state), Prior(*prior_means_and_weights(setup, state))
-    nlp.set_models(cameras_at_estimate(setup, state))
+    nlp.set_models(cameras_at_estimate(setup, state), targets_at_estimate(setup, state))
     factors = linearize_measurements(setup, nlp, state, assignments)
     solution = nlp.solve(
         factors=factors, x=x, scale=scale, poses=poses, prior=_damped_prior(setup, prior)
@@ -89,7 +90,7 @@ def linearize_measurements(
 ) -> list[Factor]:
     """Return the Factor of every group at the current estimate.
 
-    nlp: with the models of cameras_at_estimate.
+    nlp: with the models of cameras_at_estimate and the shapes of targets_at_estimate.
     """
     x, scale = pack_unknowns(setup, state)
     return nlp.linearize(
@@ -132,6 +133,12 @@ def cameras_at_estimate(setup: Setup, state: State) -> dict[str, SensorModel]:
     cameras = {n for n in corrected if isinstance(setup.models[n], CameraModel)}
     first = {g.sensor: g for g in reversed(setup.groups) if g.sensor in cameras}
     return {name: model_with_corrections(setup, state, g) for name, g in first.items()}
+
+
+def targets_at_estimate(setup: Setup, state: State) -> dict[str, Any]:
+    """Return the current shapes, by name, of the targets whose shape is estimated."""
+    corrected = {c.subject for c in setup.corrections if isinstance(c, TargetModelCorrection)}
+    return {name: target_with_corrections(setup, state, name) for name in sorted(corrected)}
 
 
 def moving_view_error_priors(setup: Setup, state: State) -> list[ViewErrorPrior]:

@@ -1,4 +1,9 @@
-"""A flat board: its face is z = 0 of its frame, seen from +z; an outline, and maybe a pattern."""
+"""A board: its face is z = 0 of its frame, seen from +z; an outline, and maybe a pattern.
+
+A board that is not flat has a face of second order, as in mrcal: over coordinates x and y that are
+-1 and 1 at the ends of its outline,
+    z = bow_x (1 - x²) + bow_y (1 - y²) + twist x y.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -20,10 +25,11 @@ N_PLANE_DRAWS = 300
 
 @dataclass(frozen=True)
 class Board:
-    """A flat board; see TargetShape for its members.
+    """A board; see TargetShape for its members.
 
     vertices: (n, 2) of the outline, m; thickness: m; has_config_outline: whether the config states
-    the outline, so that scan lines that leave it can be used.
+    the outline, so that scan lines that leave it can be used; warp: bow_x, bow_y, twist, m;
+    flatness: their σ, m, None for a board that is flat.
     """
 
     vertices: np.ndarray
@@ -31,6 +37,8 @@ class Board:
     pattern: TargetPattern | None
     point_template: PointTemplate | None = None
     has_config_outline: bool = True
+    flatness: float | None = None
+    warp: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     name = "board"
     color = None
@@ -41,9 +49,14 @@ class Board:
         """Make the board of a target's config; without outline_m it ends where its pattern does."""
         pattern = pattern_from_config(config["pattern"]) if config.get("pattern") else None
         outline = config.get("outline_m")
-        if outline is None and pattern is not None:
-            return cls(pattern.outline, config["thickness_m"], pattern, has_config_outline=False)
-        return cls(np.asarray(outline, float), config["thickness_m"], pattern)
+        has_outline = outline is not None or pattern is None
+        return cls(
+            np.asarray(outline if pattern is None or has_outline else pattern.outline, float),
+            config["thickness_m"],
+            pattern,
+            has_config_outline=has_outline,
+            flatness=config.get("flatness_m"),
+        )
 
     @property
     def uses_exact_surface(self) -> bool:
@@ -72,19 +85,42 @@ class Board:
         x, y = self.vertices.T
         return abs(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) / 2
 
+    @property
+    def half_size(self) -> np.ndarray:
+        """Half width and half height (2,), m, of the outline."""
+        return np.ptp(self.vertices, axis=0) / 2
+
+    def height(
+        self, x: ArrayOrExpression, y: ArrayOrExpression
+    ) -> tuple[ArrayOrExpression, ArrayOrExpression, ArrayOrExpression]:
+        """Return z of the face, m, and its derivatives by x and y."""
+        (a, b), middle, (bow_x, bow_y, twist) = self.half_size, self.centre, self.warp
+        u, v = (x - middle[0]) / a, (y - middle[1]) / b
+        z = bow_x * (1 - u * u) + bow_y * (1 - v * v) + twist * u * v
+        return z, (twist * v - 2 * bow_x * u) / a, (twist * u - 2 * bow_y * v) / b
+
+    def lift(self, points: np.ndarray) -> np.ndarray:
+        """Return points (..., 3) of the plane z = 0 where they are on the face."""
+        z = self.height(points[..., 0], points[..., 1])[0]
+        return np.concatenate([points[..., :2], (points[..., 2] + z)[..., None]], axis=-1)
+
     def outline_points(self) -> np.ndarray:
         return np.column_stack([self.vertices, np.zeros(len(self.vertices))])
 
     def surface_distance(
         self, x: ArrayOrExpression, y: ArrayOrExpression, z: ArrayOrExpression
     ) -> ArrayOrExpression:
-        return z
+        return z - self.height(x, y)[0]
 
     def distance_along_beam(
         self, points: ArrayOrExpression, beam: ArrayOrExpression
     ) -> tuple[ArrayOrExpression, ArrayOrExpression]:
+        # To the tangent plane at the return: 1 µm off, 1 cm before a bow of 5 mm.
+        z, slope_x, slope_y = self.height(points[0], points[1])
+        approach = beam[2] - slope_x * beam[0] - slope_y * beam[1]
         # Smoothly held away from zero, for beams along the plane.
-        return points[2] * -beam[2] / (beam[2] * beam[2] + BOARD_GRAZING_COSINE**2), -beam[2]
+        gap = (points[2] - z) * -approach / (approach * approach + BOARD_GRAZING_COSINE**2)
+        return gap, -approach / (1 + slope_x * slope_x + slope_y * slope_y) ** 0.5
 
     def distance_inside_rim(self, points: np.ndarray) -> np.ndarray:
         return -signed_polygon_distance(self.vertices, points[:, :2])
@@ -114,6 +150,20 @@ class Board:
             return np.zeros((0, 2, 3))
         a = self.outline_points()
         return np.stack([a, np.roll(a, -1, 0)], 1)
+
+    def edge_tangents(self, edge: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+        """Return tangents (k, 2, 3) of the outline at fractions (k,) of edges (k,), by number.
+
+        Each is given by two points that are as far apart as the ends of the edge, which the tangent
+        of a flat board joins.
+        """
+        ends = self.outline_edges()[edge]
+        along = ends[:, 1] - ends[:, 0]
+        at = self.lift(ends[:, 0] + fraction[:, None] * along)
+        _, slope_x, slope_y = self.height(at[:, 0], at[:, 1])
+        along[:, 2] = slope_x * along[:, 0] + slope_y * along[:, 1]
+        start = at - fraction[:, None] * along
+        return np.stack([start, start + along], 1)
 
     def fit_inliers(
         self,

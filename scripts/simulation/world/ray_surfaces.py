@@ -4,7 +4,7 @@ A ray is o + t d in the frame of the shape, o and d (3, n). Every function of SH
 returns t (n,), infinite or NaN for a miss, and the face that is met (n,).
 """
 
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -21,27 +21,62 @@ class ShapeIntersection(Protocol):
         ...
 
 
+class BoardParams(NamedTuple):
+    """Shape of a board.
+
+    normals (n, 2) and offsets (n,): half-planes normal · (x, y) ≤ offset of the outline; low, side
+    and count: low corner, side and numbers of the squares; half_size (2,), warp (3,): the face is
+    z = warp₀ (1 - u²) + warp₁ (1 - v²) + warp₂ u v, u and v being x and y over half_size.
+    """
+
+    normals: np.ndarray
+    offsets: np.ndarray
+    low: tuple[float, ...]
+    side: float
+    count: tuple[int, ...]
+    half_size: np.ndarray
+    warp: tuple[float, ...]
+
+
 @np.errstate(divide="ignore", invalid="ignore")
 def intersect_board(
-    shape_params: tuple[np.ndarray, np.ndarray, tuple[float, ...], float, tuple[int, ...]],
-    o: np.ndarray,
-    d: np.ndarray,
+    shape_params: BoardParams, o: np.ndarray, d: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Meet a convex polygon in z = 0; face 0 is the back, the squares follow.
-
-    shape_params: half-planes n · (x, y) ≤ c of the outline, low corner, side and numbers of the
-    squares.
-    """
-    normals, offsets, low, square, count = shape_params
-    t = -o[2] / d[2]
+    """Meet a board with a convex outline; face 0 is the back, the squares follow."""
+    low, side, count = shape_params.low, shape_params.side, shape_params.count
+    t, is_in_front = _meet_face(shape_params, o, d)
     x, y = o[0] + t * d[0], o[1] + t * d[1]
     inside = np.ones(t.shape, bool)
-    for (nx, ny), offset in zip(normals, offsets, strict=True):
+    for (nx, ny), offset in zip(shape_params.normals, shape_params.offsets, strict=True):
         inside &= nx * x + ny * y <= offset
-    i = np.clip(np.floor((x - low[0]) / square), -1, count[0])
-    j = np.clip(np.floor((y - low[1]) / square), -1, count[1])
-    face = np.where(inside & (o[2] > 0), i * (count[1] + 2) + (j + count[1] + 4), 0)
+    i = np.clip(np.floor((x - low[0]) / side), -1, count[0])
+    j = np.clip(np.floor((y - low[1]) / side), -1, count[1])
+    face = np.where(inside & is_in_front, i * (count[1] + 2) + (j + count[1] + 4), 0)
     return np.where(inside, t, np.inf), face.astype(np.int32)
+
+
+def _meet_face(
+    shape_params: BoardParams, o: np.ndarray, d: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return t (n,) where rays meet the face, extended, and whether they come from before it (n,).
+
+    Of the two places that a ray has in common with a curved face, the one that is nearest to where
+    it would meet a flat one.
+    """
+    if not any(shape_params.warp):
+        return -o[2] / d[2], o[2] > 0
+    bow_x, bow_y, twist = shape_params.warp
+    (u, v), (du, dv) = (p[:2] / shape_params.half_size[:, None] for p in (o, d))
+    square = bow_x * du * du + bow_y * dv * dv - twist * du * dv
+    linear = d[2] + 2 * bow_x * u * du + 2 * bow_y * v * dv - twist * (u * dv + v * du)
+    height = o[2] - bow_x * (1 - u * u) - bow_y * (1 - v * v) - twist * u * v
+    root = np.sqrt(linear * linear - 4 * square * height)
+    t = -2 * height / (linear + np.copysign(root, linear))
+    at_u, at_v = u + t * du, v + t * dv
+    approach = (
+        d[2] + 2 * bow_x * at_u * du + 2 * bow_y * at_v * dv - twist * (at_u * dv + at_v * du)
+    )
+    return t, approach < 0
 
 
 @np.errstate(divide="ignore", invalid="ignore")

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calib.geometry.se3 import make_pose, transform_points
+from simulation.world.ray_surfaces import BoardParams
 
 WHITE, BLACK, GREEN, METAL = (200, 200, 200), (40, 40, 40), (60, 160, 50), (90, 90, 90)
 SIMULATED_TARGETS: dict[str, dict[str, Any]] = {
@@ -71,14 +72,19 @@ class SimulatedScene(NamedTuple):
     label_surfaces: np.ndarray
 
 
-def build_scene(targets: Iterable[str], size_factor: float = 1.0) -> SimulatedScene:
+def build_scene(
+    targets: Iterable[str],
+    size_factor: float = 1.0,
+    board_warp: tuple[float, ...] = (0.0, 0.0, 0.0),
+) -> SimulatedScene:
     """Build the room with targets of SIMULATED_TARGETS and their stands.
 
-    size_factor: built size of the targets over the size that SIMULATED_TARGETS states.
+    size_factor: built size of the targets over the size that SIMULATED_TARGETS states. board_warp:
+    bow along x and along y and twist of boards, m, as BoardParams has them.
     """
     surfaces = [_make_room(), *(_make_box(name) for name in BOXES)]
     for name in targets:
-        surfaces += _make_target_surfaces(name, size_factor)
+        surfaces += _make_target_surfaces(name, size_factor, board_warp)
     faces = [len(s.colors) for s in surfaces]
     return SimulatedScene(
         tuple(surfaces),
@@ -111,16 +117,13 @@ def _make_rod(name: str, length: float, radius: float) -> SceneSurface:
     return SceneSurface(name, "cylinder", size, np.tile(METAL, (3, 1)), reach, np.zeros((0, 3)))
 
 
-def _make_target_surfaces(name: str, size_factor: float) -> list[SceneSurface]:
+def _make_target_surfaces(
+    name: str, size_factor: float, board_warp: tuple[float, ...]
+) -> list[SceneSurface]:
     """Make a target and the rods of its stand."""
     spec = SIMULATED_TARGETS[name]
     if spec["shape"] == "board":
-        outline = size_factor * np.array(spec["outline_m"])
-        flat = np.column_stack([outline, np.zeros(len(outline))])
-        reach = np.linalg.norm(outline, axis=1).max()
-        board = SceneSurface(
-            name, "board", _board_shape_params(spec, size_factor), _board_colors(spec), reach, flat
-        )
+        board = _make_board(name, spec, size_factor, board_warp)
         return [board, _make_rod("board_arm", ARM_M, 0.015), _make_rod("board_pole", POLE_M, 0.02)]
     size = (size_factor * spec["length_m"], size_factor * spec["radius_m"])
     reach = np.hypot(size[0] / 2, size[1])
@@ -129,15 +132,34 @@ def _make_target_surfaces(name: str, size_factor: float) -> list[SceneSurface]:
     return [body, _make_rod("cylinder_rod", ROD_M, 0.015), _make_rod("cylinder_pole", POLE_M, 0.02)]
 
 
-def _board_shape_params(spec: dict[str, Any], size_factor: float) -> tuple[Any, ...]:
-    """Return half-planes n · (x, y) ≤ c of the outline, low corner, side and numbers of squares."""
+def _make_board(
+    name: str, spec: dict[str, Any], size_factor: float, warp: tuple[float, ...]
+) -> SceneSurface:
+    params = _board_shape_params(spec, size_factor, warp)
+    outline = size_factor * np.array(spec["outline_m"])
+    u, v = (outline / params.half_size).T
+    z = warp[0] * (1 - u * u) + warp[1] * (1 - v * v) + warp[2] * u * v
+    reach = np.linalg.norm(outline, axis=1).max() + np.abs(warp).sum()
+    corners = np.column_stack([outline, z])
+    return SceneSurface(name, "board", params, _board_colors(spec), reach, corners)
+
+
+def _board_shape_params(
+    spec: dict[str, Any], size_factor: float, warp: tuple[float, ...]
+) -> BoardParams:
     outline, pattern = size_factor * np.array(spec["outline_m"]), spec["pattern"]
     along = np.roll(outline, -1, axis=0) - outline
     normals = np.column_stack([along[:, 1], -along[:, 0]])
     square = size_factor * pattern["square_m"]
-    low = tuple(size_factor * c - square for c in pattern["first_corner_m"])
-    count = tuple(c + 1 for c in pattern["inner_corners"])
-    return normals, np.sum(normals * outline, axis=1), low, square, count
+    return BoardParams(
+        normals=normals,
+        offsets=np.sum(normals * outline, axis=1),
+        low=tuple(size_factor * c - square for c in pattern["first_corner_m"]),
+        side=square,
+        count=tuple(c + 1 for c in pattern["inner_corners"]),
+        half_size=np.ptp(outline, axis=0) / 2,
+        warp=warp,
+    )
 
 
 def _board_colors(spec: dict[str, Any]) -> np.ndarray:

@@ -18,6 +18,7 @@ from calib.estimation.round_solution import (
     correction_derivatives,
     linearize_measurements,
     solve_round,
+    targets_at_estimate,
 )
 from calib.estimation.solver import estimate_poses
 from calib.geometry.se3 import invert_pose, se3_exp, se3_log, so3_exp
@@ -187,6 +188,7 @@ def test_slopes_by_the_numbers_are_those_of_the_residuals():
         "beam_width",
         "outline_vs_surface",
         "distortion",
+        "board_shape",
     }
     made = replace(made, corrections=found)
     state = initial_state(made, synthetic_setup.TRUE_POSES, 1.0)
@@ -211,7 +213,7 @@ def test_residuals_of_the_kernels_are_those_of_the_assignment_with_everything_es
     state = replace(state, correction_values=0.3 * made.correction_sigma)
     assigned = assign_measurements(made, state)
     nlp = build_nlp(made)
-    nlp.set_models(cameras_at_estimate(made, state))
+    nlp.set_models(cameras_at_estimate(made, state), targets_at_estimate(made, state))
     parts = linearize_measurements(made, nlp, state, assigned)
     for a, part in zip(assigned, parts, strict=True):
         member = a.feature >= 0

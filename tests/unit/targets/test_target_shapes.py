@@ -1,5 +1,7 @@
 """Target shapes against numbers worked out by hand, patterns on images of known corners."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -464,3 +466,45 @@ def test_where_no_edges_cross_nothing_settles(kind):
         image = cv2.GaussianBlur(image, (0, 0), 1.0)
     _, settled = refine_gradient_corners(image, np.array([[20.3, 20.2]]), 6.0)
     assert not settled.any()
+
+
+# --- a board that is not flat
+
+WARPED = replace(BOARD, warp=(0.005, -0.003, 0.002))
+
+
+def test_the_middle_of_a_bowed_board_lies_over_its_ends_by_the_bow():
+    bowed = replace(BOARD, warp=(0.005, 0.0, 0.0))
+    reach = bowed.half_size[0]
+    z = bowed.lift(np.array([[0.0, 0.0, 0.0], [reach, 0.0, 0.0], [reach / 2, 0.1, 0.0]]))[:, 2]
+    np.testing.assert_allclose(z, [0.005, 0.0, 0.00375], atol=1e-12)
+
+
+def test_a_twisted_board_is_raised_at_two_corners_and_lowered_at_two():
+    twisted = replace(BOARD, warp=(0.0, 0.0, 0.002))
+    a, b = twisted.half_size
+    corners = np.array([[a, b, 0.0], [-a, b, 0.0], [-a, -b, 0.0], [a, -b, 0.0]])
+    np.testing.assert_allclose(twisted.lift(corners)[:, 2], [0.002, -0.002, 0.002, -0.002])
+
+
+def test_the_distance_to_a_warped_board_along_a_beam_is_where_the_beam_meets_it():
+    """Returns up to 1 cm before or behind the face, beams up to 50° off: to 10 µm."""
+    rng = np.random.default_rng(0)
+    hit = WARPED.lift(np.column_stack([rng.uniform(-0.3, 0.3, (50, 2)), np.zeros(50)]))
+    beam = np.column_stack([rng.uniform(-0.5, 0.5, (50, 2)), -np.ones(50)])
+    beam /= np.linalg.norm(beam, axis=1)[:, None]
+    before = rng.uniform(-0.01, 0.01, 50)
+    gap, cosine = WARPED.distance_along_beam((hit - before[:, None] * beam).T, beam.T)
+    np.testing.assert_allclose(gap, before, atol=1e-5)
+    np.testing.assert_allclose(cosine, -beam[:, 2], atol=0.02)
+
+
+def test_the_tangent_of_an_edge_touches_the_warped_face():
+    ends = WARPED.edge_tangents(np.array([0, 1]), np.array([0.25, 0.6]))
+    at = ends[:, 0] + np.array([[0.25], [0.6]]) * (ends[:, 1] - ends[:, 0])
+    np.testing.assert_allclose(WARPED.surface_distance(*at.T), 0.0, atol=1e-12)
+    for fraction in (0.249, 0.251):
+        near = WARPED.edge_tangents(np.array([0]), np.array([fraction]))[0]
+        on_edge = near[0] + fraction * (near[1] - near[0])
+        on_tangent = ends[0, 0] + fraction * (ends[0, 1] - ends[0, 0])
+        np.testing.assert_allclose(on_edge, on_tangent, atol=1e-7)

@@ -22,6 +22,7 @@ from calib.estimation.round_solution import (
     build_nlp,
     cameras_at_estimate,
     linearize_measurements,
+    targets_at_estimate,
 )
 from calib.geometry.se3 import invert_pose, transform_points
 from calib.sensors.camera.camera_model import CameraModel
@@ -110,7 +111,9 @@ class RecordedView:
         self.state = replace(result.state, mocap_errors=mocap_errors)
         view_setup = replace(setup, groups=[inliers.group for inliers in self.inlier_groups])
         self.nlp = build_nlp(view_setup)
-        self.nlp.set_models(cameras_at_estimate(view_setup, self.state))
+        self.nlp.set_models(
+            cameras_at_estimate(view_setup, self.state), targets_at_estimate(setup, self.state)
+        )
 
     def added_information(self, T_sensor_target: np.ndarray) -> AddedInformation:
         """Return what the same measurements would add with the target at T_sensor_target (4, 4)."""

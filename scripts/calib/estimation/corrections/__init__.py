@@ -1,7 +1,8 @@
 """Corrections: values estimated or tested beside the poses.
 
-base                  Correction and its four kinds: testable, estimable, of a model, of a clock
+base                  Correction and its kinds: testable, estimable, of a sensor's model, of a shape
 target_errors         sizes of targets, mounts
+board_shape           boards that are bowed or twisted
 slips_and_bumps       targets that slip, sensors that are bumped
 camera                errors of a lens: focal length, principal point, distortion
 clock_offset, clock_drift   estimated if observable

@@ -3,12 +3,13 @@
 A correction has a few values θ, zero if all is as configured, that change the residuals of the
 groups it affects. A TestableCorrection describes an error that a score test can find. The values
 of an EstimableCorrection can be unknowns of the joint problem: a ModelCorrection changes the model
-of a sensor, a ClockCorrection the time at which a moving target is looked up.
+of a sensor, a TargetModelCorrection the shape of a target, a ClockCorrection the time at which a
+moving target is looked up.
 """
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
@@ -116,6 +117,17 @@ class ModelCorrection(SensorCorrection, EstimableCorrection, Generic[Model]):
     @abstractmethod
     def apply_to_model(self, model: Model, values: np.ndarray, placement: int) -> Model:
         """Return the sensor's model in a placement (its index) with the values applied."""
+
+    def add_to_setup(self, setup: Setup) -> Setup:
+        return replace(setup, corrections=(*setup.corrections, self))
+
+
+class TargetModelCorrection(TargetCorrection, EstimableCorrection):
+    """Values that change the shape of a target, for all sensors alike."""
+
+    @abstractmethod
+    def apply_to_target(self, target: Any, values: np.ndarray) -> Any:
+        """Return the target's shape with the values applied."""
 
     def add_to_setup(self, setup: Setup) -> Setup:
         return replace(setup, corrections=(*setup.corrections, self))

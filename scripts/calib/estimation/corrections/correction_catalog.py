@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Protocol
 
 from calib.estimation.corrections.base import TestableCorrection
+from calib.estimation.corrections.board_shape import make_board_shape_corrections
 from calib.estimation.corrections.camera.camera_intrinsics import make_lens_corrections
 from calib.estimation.corrections.camera.lens_distortion import make_distortion_corrections
 from calib.estimation.corrections.lidar.lidar_outline_errors import (
@@ -41,6 +42,7 @@ class CorrectionSource(Protocol):
 CORRECTION_SOURCES: tuple[CorrectionSource, ...] = (
     make_square_corrections,
     make_outline_corrections,
+    make_board_shape_corrections,
     make_cylinder_corrections,
     make_mount_corrections,
     make_lens_corrections,

@@ -33,10 +33,11 @@ class GroupLinearization:
     assignment: Assignment
     J_pose: np.ndarray | None
 
-    @property
+    @cached_property
     def target(self) -> Any:
-        """Return the target's shape."""
-        return self.setup.targets[self.setup.placements[self.group.placement].target]
+        """Return the target's shape, with all corrections applied."""
+        name = self.setup.placements[self.group.placement].target
+        return pose_chain.target_with_corrections(self.setup, self.state, name)
 
     @property
     def pose_derivative(self) -> np.ndarray:

@@ -14,9 +14,9 @@ and a Gauss-Newton Hessian (a Factor); IPOPT then finds the poses of all chains,
 minimise the sum. The solver linearizes again at the solution until nothing changes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -95,21 +95,28 @@ class JointNlp:
         n_chain_unknowns: int,
         n_correction_values: int,
     ) -> None:
-        self.layouts, self.targets = layouts, targets
+        self.layouts, self.models, self.targets = layouts, dict(models), dict(targets)
         self.n_chain_unknowns, self.n_correction_values = n_chain_unknowns, n_correction_values
         self.residual_functions: dict[tuple[str, str, str], VectorizedFunction] = {}
-        self.set_models(models)
+        self.set_models(models, targets)
         self.columns = np.stack([layout.columns for layout in layouts])
         self.chain_function = make_chain_function().map(len(layouts))
         self.derivative_function = make_condensed_cost()[1].map(len(layouts))
         self.solver = build_ipopt_solver(self.columns, n_chain_unknowns, n_correction_values)
 
-    def set_models(self, models: dict[str, CameraModel | LidarModel]) -> None:
-        """Compute residuals with these models, by sensor, from now on."""
+    def set_models(
+        self, models: Mapping[str, CameraModel | LidarModel], targets: Mapping[str, Any]
+    ) -> None:
+        """Compute residuals with these models, by sensor, and shapes, by target, from now on.
+
+        Those of other sensors and targets stay as they are.
+        """
+        self.models |= models
+        self.targets |= targets
         for key in sorted({(b.kind, b.sensor, b.target) for b in self.layouts}):
-            if key[1] in models:
+            if key[1] in models or key[2] in targets:
                 kind = RESIDUAL_KINDS[key[0]]
-                residual = kind.residual(models[key[1]], self.targets[key[2]])
+                residual = kind.residual(self.models[key[1]], self.targets[key[2]])
                 kernel = make_residual_function(residual, len(kind.DATA_COLUMNS))
                 self.residual_functions[key] = vectorize_casadi_function(kernel)
 

@@ -3,6 +3,7 @@
 Residual: the angle between the ray d of a crossing (halfway between two beams) and the plane
 through the lidar and an edge (a, b), less the angle by which the lidar sees outlines too wide,
     r = n · d - dilation,   n = (Ra + t) × (Rb + t) / |(Ra + t) × (Rb + t)|.
+Of a board that is not flat, a and b lie on the tangent of its edge at the crossing.
 It takes the place of the corners of a scan's outline (template_vertex, equation 2): a beam
 determines the direction of an edge, not its range.
 """
@@ -53,7 +54,7 @@ def assign(
     ray = model.correct_rays(ray, _intersect_board_plane(T_target_sensor, ray)[1])
     hit, ranges, cosine = _intersect_board_plane(T_target_sensor, ray)
     index, fraction = nearest_polygon_edge(target.vertices, hit[:, :2], features)
-    ends = target.outline_edges()[index]
+    ends = target.edge_tangents(index, fraction)
     a, b = (transform_points(T_sensor_target, ends[:, k]) for k in (0, 1))
     normal = np.cross(a, b)
     normal /= np.linalg.norm(normal, axis=1)[:, None]

@@ -44,7 +44,7 @@ def assign(
     view whose best two labellings fit nearly alike is left out. features: corners of the pattern.
     """
     pattern: Any = target.pattern
-    corners = pattern.corners()
+    corners = target.lift(pattern.corners())
     uv, valid = model.project(transform_points(T_sensor_target, corners))
     n = len(keypoints["view"])
     corner = _choose_corners(pattern, uv, keypoints) if features is None else features
