@@ -64,7 +64,7 @@ def test_what_was_not_asked_for_is_null(results):
 
 @pytest.fixture(scope="module")
 def by_default(tmp_path_factory):
-    """calibration.json with `mount: unknown` and a lens as stated (False) or estimated (True)."""
+    """calibration.json and verdict.json with `mount: unknown` and a lens as stated (False) or estimated (True)."""
     source, folder = find_shared_data("rosi_charuco"), tmp_path_factory.mktemp("rosi_default")
     for name in ("config", "log"):
         shutil.copytree(source / name, folder / name, copy_function=shutil.copyfile)
@@ -76,7 +76,7 @@ def by_default(tmp_path_factory):
         run_snakemake(folder, "results/cell/calibration.json")
         found[wanted] = {
             name: json.loads((folder / f"results/cell/{name}.json").read_text())
-            for name in ("calibration", "solution", "verdict")
+            for name in ("calibration", "verdict")
         }
     return found
 
@@ -90,7 +90,7 @@ def _forget_mount(target):
 def test_a_lens_without_its_distortion_is_the_first_suspicion_and_k1_is_about_minus_0_13(
     by_default,
 ):
-    first = by_default[False]["solution"]["suspected_errors"][0]
+    first = by_default[False]["calibration"]["suspected_errors"][0]
     assert (first["name"], first["subject"]) == ("distortion", "camera")
     assert first["estimate"][0] == pytest.approx(-0.134, abs=3 * first["sigma"][0])
     assert first["remedy"].startswith("set solve.estimate.intrinsics: true")
@@ -104,4 +104,4 @@ def test_with_the_advice_followed_the_pose_is_that_of_the_independent_fit_to_2_m
     xyz = advised["calibration"]["sensors"]["camera"]["T_robot_sensor"]["xyz_m"]
     assert np.linalg.norm(np.subtract(xyz, [-0.0193, 1.2637, 0.2887])) < 0.002
     assert advised["verdict"]["verdict"] in ("pass", "warn")
-    assert {e["name"] for e in advised["solution"]["suspected_errors"]} <= {"square_size"}
+    assert {e["name"] for e in advised["calibration"]["suspected_errors"]} <= {"square_size"}

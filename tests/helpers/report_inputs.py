@@ -345,6 +345,7 @@ def make_calibration_json():
         "influences": [make_influence_json(0, 1.4, 5.0), make_influence_json(1, None, 7.0)],
         "repeatability": [],
         "targets": {"board": None, "pipe": None},
+        "board_shapes": {},
         "sessions": {"s1": None},
         "noise": {
             "sensors": {"left": {"pattern_corner": 0.04}, "top": {"target_surface": 0.012}},

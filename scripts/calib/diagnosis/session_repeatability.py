@@ -12,6 +12,7 @@ from calib.estimation.estimate_state import get_correction_values
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.pose_chain import ROBOT_MARKERS
+from calib.estimation.round_solution import targets_at_estimate
 from calib.estimation.solver import estimate_poses
 from calib.geometry.se3 import invert_pose, se3_exp, se3_log
 
@@ -26,8 +27,8 @@ class SessionPose(NamedTuple):
 def session_setup(setup: Setup, result: EstimationResult, session: str) -> Setup:
     """Return the setup of the still placements of one session.
 
-    Targets and the robot's markers are at the joint estimate: one session alone does not determine
-    them.
+    Targets, their shapes and the robot's markers are at the joint estimate: one session alone does
+    not determine them.
     """
     indices = [
         i for i, p in enumerate(setup.placements) if p.session == session and p.moving_view is None
@@ -46,6 +47,7 @@ def session_setup(setup: Setup, result: EstimationResult, session: str) -> Setup
     corrections = [c for c in alone.corrections if isinstance(c, ModelCorrection)]
     return replace(
         alone,
+        targets=alone.targets | targets_at_estimate(setup, result.state),
         placements=placements,
         groups=[replace(g, initial_features=None) for g in alone.groups],
         initial_mounts={},

@@ -11,6 +11,7 @@ from calib.diagnosis.observability import MOUNT_DIRECTION_NAMES
 from calib.diagnosis.residual_statistics import influences_json
 from calib.diagnosis.sensor_json import SolvedSensors, sensor_json, undetermined_directions_json
 from calib.diagnosis.sensor_status import sensor_status
+from calib.estimation.corrections.board_shape import board_shapes_json
 from calib.estimation.corrections.clock_offset import stream_lags_json
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
@@ -55,6 +56,7 @@ def solution_json(
         "sensors": sensors,
         **joint_estimate_json(result, solved, suspected_errors),
         "targets": target_mounts_json(setup, result, options),
+        "board_shapes": board_shapes_json(setup, result),
         "sessions": dict.fromkeys(options["sessions"]),
         "mocap_offsets_s": stream_lags_json(setup, result),
         "influences": influences_json(setup, solved.leave_one_outs),

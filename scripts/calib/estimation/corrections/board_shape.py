@@ -2,13 +2,16 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from calib.estimation.corrections.base import TargetCorrection, TargetModelCorrection
+from calib.estimation.corrections.correction_estimate import correction_estimates
 from calib.estimation.corrections.group_linearization import FINITE_STEP_M, GroupLinearization
 from calib.estimation.corrections.number_wording import MIN_SHOWN_SIGMAS, format_value_sigma
 from calib.estimation.estimation_problem import Setup
+from calib.estimation.estimation_result import EstimationResult
 from calib.geometry.units import MM_PER_M
 from calib.targets.board import Board
 
@@ -59,6 +62,23 @@ def make_board_shape_corrections(setup: Setup) -> Iterator[TargetCorrection]:
         board = setup.targets[name]
         if isinstance(board, Board) and board.uses_exact_surface and board.flatness:
             yield BoardShapeCorrection(name, np.full(N_SHAPE_VALUES, board.flatness))
+
+
+def board_shapes_json(setup: Setup, result: EstimationResult) -> dict[str, Any]:
+    """Return {description, estimate, sigma, prior_sigma} of the estimated shapes, by board.
+
+    bow_x, bow_y, twist (3,), m.
+    """
+    return {
+        e.correction.subject: {
+            "description": e.correction.describe(e.values, e.sigma),
+            "estimate": e.values.tolist(),
+            "sigma": e.sigma.tolist(),
+            "prior_sigma": e.correction.prior_sigma.tolist(),
+        }
+        for e in correction_estimates(setup, result)
+        if e.correction.name == BOARD_SHAPE
+    }
 
 
 def _warp_board(board: Board, values: np.ndarray) -> Board:

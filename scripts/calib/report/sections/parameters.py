@@ -41,6 +41,10 @@ def tabulate_nuisance_parameters(run: ReportRun) -> list[NuisanceParameter]:
         NuisanceParameter(f"mount of {name} in its MCS body", _format_mount(run, name, block))
         for name, block in sorted(calibration["targets"].items())
     ]
+    rows += [
+        NuisanceParameter(f"shape of {name}", shape["description"])
+        for name, shape in sorted(calibration["board_shapes"].items())
+    ]
     for name, block in sorted(calibration["sessions"].items()):
         if block:
             T = np.array(block["T_robot_markers"]["matrix"])
