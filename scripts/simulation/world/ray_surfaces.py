@@ -25,7 +25,7 @@ class BoardParams(NamedTuple):
     """Shape of a board.
 
     normals (n, 2) and offsets (n,): half-planes normal · (x, y) ≤ offset of the outline; low, side
-    and count: low corner, side and numbers of the squares; half_size (2,), warp (3,): the face is
+    and n_squares: low corner, side and numbers of the squares; half_size (2,), warp (3,): the face is
     z = warp₀ (1 - u²) + warp₁ (1 - v²) + warp₂ u v, u and v being x and y over half_size.
     """
 
@@ -33,7 +33,7 @@ class BoardParams(NamedTuple):
     offsets: np.ndarray
     low: tuple[float, ...]
     side: float
-    count: tuple[int, ...]
+    n_squares: tuple[int, ...]
     half_size: np.ndarray
     warp: tuple[float, ...]
 
@@ -43,7 +43,7 @@ def intersect_board(
     shape_params: BoardParams, o: np.ndarray, d: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Meet a board with a convex outline; face 0 is the back, the squares follow."""
-    low, side, count = shape_params.low, shape_params.side, shape_params.count
+    low, side, count = shape_params.low, shape_params.side, shape_params.n_squares
     t, is_in_front = _meet_face(shape_params, o, d)
     x, y = o[0] + t * d[0], o[1] + t * d[1]
     inside = np.ones(t.shape, bool)

@@ -156,7 +156,7 @@ def _board_shape_params(
         offsets=np.sum(normals * outline, axis=1),
         low=tuple(size_factor * c - square for c in pattern["first_corner_m"]),
         side=square,
-        count=tuple(c + 1 for c in pattern["inner_corners"]),
+        n_squares=tuple(c + 1 for c in pattern["inner_corners"]),
         half_size=np.ptp(outline, axis=0) / 2,
         warp=warp,
     )
