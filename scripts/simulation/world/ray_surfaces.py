@@ -25,8 +25,8 @@ class BoardParams(NamedTuple):
     """Shape of a board.
 
     normals (n, 2) and offsets (n,): half-planes normal · (x, y) ≤ offset of the outline; low, side
-    and n_squares: low corner, side and numbers of the squares; half_size (2,), warp (3,): the face is
-    z = warp₀ (1 - u²) + warp₁ (1 - v²) + warp₂ u v, u and v being x and y over half_size.
+    and n_squares: low corner, side and numbers of the squares; half_size (2,) and warp (3,), m: the
+    face is z = warp₀ (1 - u²) + warp₁ (1 - v²) + warp₂ u v, with (u, v) = (x, y) / half_size.
     """
 
     normals: np.ndarray
