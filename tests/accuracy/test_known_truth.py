@@ -93,3 +93,25 @@ def test_all_placements_of_both_targets_are_used(exact):
     sensors = json.loads((exact / OUTPUT).read_text())["sensors"]
     assert sensors["camera"]["placements"] == 10
     assert sensors["velodyne"]["placements"] >= 19
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "warp",
+    [(0.005, 0.0, 0.0), (0.0, 0.002, 0.002)],
+    ids=["bowed by 5 mm", "bowed by 2 mm and twisted by 2 mm"],
+)
+def test_poses_by_a_warped_board_are_within_their_sigma_and_its_shape_is_found(tmp_path, warp):
+    bow_x, bow_y, twist = warp
+    folder = simulate_into(
+        tmp_path,
+        f"--placements 10 --seed 4 --targets board --camera-hz 3 --sector-deg 60 {NOISE}"
+        f" --board-bow-x-m {bow_x} --board-bow-y-m {bow_y} --board-twist-m {twist}",
+    )
+    run_to_completion(folder, OUTPUT)
+    shape = json.loads((folder / OUTPUT).read_text())["board_shapes"]["board"]
+    off, sigma = np.subtract(shape["estimate"], warp), np.array(shape["sigma"])
+    assert (np.abs(off) < 3 * sigma).all() and sigma.max() < 0.0005
+    for error, covariance in errors(folder).values():
+        assert error @ np.linalg.solve(covariance, error) < 22.5  # 99.9 % of six
+        assert np.linalg.norm(error[:3]) < 0.001
