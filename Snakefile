@@ -188,6 +188,9 @@ rule extract:
         placements="results/{rig}/{session}/placements.parquet",
         mocap="results/{rig}/{session}/mocap.parquet",
         guess="results/{rig}/{session}/{sensor}/guess.json",
+        frames="results/{rig}/{session}/frames.parquet",
+        audit="results/{rig}/{session}/log.json",
+        log=lambda wildcards: ancient(session_log_files(wildcards)),
         code=find_stage_code("extract"),
     output:
         keypoints="results/{rig}/{session}/{sensor}/keypoints.parquet",
@@ -203,6 +206,7 @@ rule extract:
     shell:
         "python {input.code[0]:q} --views {input.views:q} --moving-views {input.moving_views:q}"
         " --placements {input.placements:q} --mocap {input.mocap:q} --guess {input.guess:q}"
+        " --frames {input.frames:q} --audit {input.audit:q}"
         " --output {output.keypoints:q} --moving-keypoints {output.moving_keypoints:q}"
         " --options {params.options:q} 2> {log:q}"
 

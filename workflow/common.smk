@@ -199,8 +199,10 @@ def rig_max_gap_s(wildcards):
 
 def extract_options(wildcards):
     targets = {t: TARGETS[t] for t in SESSIONS[wildcards.session]["targets"]}
-    more = {"associate": CONFIG["associate"], "crop": CONFIG["crop"]}
+    more = {"associate": CONFIG["associate"], "crop": CONFIG["crop"], "guess": CONFIG["guess"]}
     more |= {"body": RIGS[wildcards.rig]["body"], "max_gap_s": rig_max_gap_s(wildcards)}
+    more |= {"log": SESSIONS[wildcards.session]["log"]}
+    more |= {"quaternions": RIGS[wildcards.rig]["mocap"]["quaternions"]}
     return sensor_options(
         "extract", wildcards, targets=targets, mocap=mocap_noise_slice(wildcards), **more
     )

@@ -7,4 +7,5 @@ camera_keypoints      corners of patterns, contours of colours
 lidar_keypoints       returns on surfaces, crossings of outlines, the paper's keypoints
 working_pose          the pose that all views of the sensor agree on
 moving_keypoints      keypoints of moving targets at that pose
+mistakes              mistakes of convention in the config, tried where nothing agrees
 """

@@ -34,7 +34,7 @@ def extract_camera_keypoints(context: ExtractionContext, views: Columns) -> Extr
         return extraction
     centre = context.predict_target_pose(int(keypoints["placement"][0]))[:3, 3]
     margin_px = pixel_margin(context.model, centre, context.pose_margin)
-    T = estimate_working_pose(
+    T, _ = estimate_working_pose(
         context,
         keypoints,
         context.T_robot_sensor,
@@ -75,7 +75,7 @@ def camera_keypoints_at_pose(
     results = {}
     for i, first_result in first_results.items():
         if not statuses[i].ok:
-            results[i] = ViewKeypoints(None, statuses[i])
+            results[i] = ViewKeypoints(None, statuses[i], is_wanted=False)
         elif context.targets[views["target"][i]].pattern:
             results[i] = first_result
         else:

@@ -13,29 +13,37 @@ from calib.views.target_placements import Columns
 
 
 class ViewKeypoints(NamedTuple):
-    """Columns of keypoints.parquet of one view, None if nothing was found, and why."""
+    """Columns of keypoints.parquet of one view, None if nothing was found, and why.
+
+    is_wanted: False for a view that is not used, because its target is not in view or others are
+    enough.
+    """
 
     columns: Columns | None
     status: Status
+    is_wanted: bool = True
 
 
 class ViewOutcome(NamedTuple):
-    """Status of one view of views.parquet by its number."""
+    """Status of one view of views.parquet by its number; is_wanted: see ViewKeypoints."""
 
     view: int
     status: Status
+    is_wanted: bool = True
 
 
 @dataclass(frozen=True)
 class Extraction:
     """Keypoints of a sensor's views, their outcomes, and the working pose T_robot_sensor (4, 4).
 
-    The pose is None if nothing was found.
+    The pose is None if nothing was found. agreeing_views: numbers of the views with measurements
+    that agree with that pose.
     """
 
     keypoints: Columns
     outcomes: list[ViewOutcome]
     T_robot_sensor: np.ndarray | None = None
+    agreeing_views: frozenset[int] = frozenset()
 
     @classmethod
     def empty(cls) -> "Extraction":
@@ -50,7 +58,9 @@ class Extraction:
     ) -> "Extraction":
         """Collect the results by row of views."""
         parts = [r.columns for r in results.values() if r.status.ok and r.columns is not None]
-        outcomes = [ViewOutcome(int(views["view"][i]), r.status) for i, r in results.items()]
+        outcomes = [
+            ViewOutcome(int(views["view"][i]), r.status, r.is_wanted) for i, r in results.items()
+        ]
         return cls(concatenate_columns(parts, KEYPOINTS_SCHEMA), outcomes, T_robot_sensor)
 
     @property
@@ -76,8 +86,8 @@ def extraction_status(sensor_name: str, extraction: Extraction) -> Status:
     most_common = max(statuses, key=lambda status: reasons.count(status.reason), default=OK)
     return failure_status(
         f"{sensor_name}: nothing found in {len(statuses)} views",
-        counts,
-        "a target in some",
+        f"{counts}: {most_common.found}" if most_common.found else counts,
+        most_common.expected or "a target in some",
         most_common.remedy
         or "Look at the views in the report. Check the size and `body` of the target, and "
         "T_robot_sensor.",

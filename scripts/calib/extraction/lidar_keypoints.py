@@ -53,7 +53,7 @@ def extract_lidar_keypoints(context: ExtractionContext, views: Columns) -> Extra
         return Extraction.collect(views, failures)
     parts = [make_surface_columns(context, views, i, rows) for i, rows in found.returns.items()]
     keypoints = concatenate_columns(parts, KEYPOINTS_SCHEMA)
-    T = estimate_working_pose(
+    T, _ = estimate_working_pose(
         context,
         keypoints,
         fit_pose_to_centres(context, views, found.returns),
@@ -143,7 +143,7 @@ def lidar_keypoints_at_pose(
     results = {}
     for i in kept_rows(views):
         if not statuses[i].ok:
-            results[i] = ViewKeypoints(None, statuses[i])
+            results[i] = ViewKeypoints(None, statuses[i], is_wanted=False)
         elif not context.targets[views["target"][i]].uses_exact_surface:
             results[i] = template_fits[i]
         else:

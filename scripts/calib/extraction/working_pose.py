@@ -1,10 +1,12 @@
 """Find the pose of a sensor that its own views agree on, by extracting at each new pose."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from calib.estimation.estimation_problem import Setup
+from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.problem_assembly import SessionKeypoints, assemble_setup
 from calib.estimation.solver import estimate_poses
 from calib.extraction.extraction_inputs import ExtractionContext
@@ -28,6 +30,13 @@ HASH_FACTORS = np.array([73856093, 19349663, 83492791], np.uint64)
 HASH_SHIFT = np.uint64(7)
 
 
+class WorkingPose(NamedTuple):
+    """T_robot_sensor (4, 4), and the numbers of the views with measurements that agree with it."""
+
+    T_robot_sensor: np.ndarray
+    agreeing_views: frozenset[int]
+
+
 def iterate_working_pose(
     context: ExtractionContext,
     views: Columns,
@@ -40,18 +49,18 @@ def iterate_working_pose(
     The result then does not depend on the initial guess. extract_at_pose: results by row of views
     at a pose (4, 4). noise_factor: see estimate_working_pose.
     """
-    T = T_robot_sensor
+    T, agreeing_views = T_robot_sensor, frozenset[int]()
     for _ in range(MAX_EXTRACTION_ROUNDS):
         extraction = Extraction.collect(views, extract_at_pose(T), T)
         if not extraction.n_keypoints:
             return Extraction(extraction.keypoints, extraction.outcomes)
         previous = T
-        T = estimate_working_pose(
+        T, agreeing_views = estimate_working_pose(
             context, extraction.keypoints, T, context.associate_options, noise_factor=noise_factor
         )
         if np.abs(se3_log(invert_pose(previous) @ T)).max() < POSE_STEP_TOLERANCE:
             break
-    return Extraction(extraction.keypoints, extraction.outcomes, T)
+    return Extraction(extraction.keypoints, extraction.outcomes, T, agreeing_views)
 
 
 def check_kept_views(
@@ -108,37 +117,59 @@ def estimate_working_pose(
     associate_options: dict[str, Any],
     *,
     noise_factor: float,
-) -> np.ndarray:
-    """Return T_robot_sensor (4, 4) that the keypoints agree on.
+) -> WorkingPose:
+    """Return T_robot_sensor that the keypoints agree on.
 
     The start T_robot_sensor (4, 4) has the σ of the initial guess as prior. noise_factor: factor on
     the σ of the keypoints to begin with, large if the start may be far off. The keypoints are
     thinned, because the pose only says where to look.
     """
+    all_views = np.unique(keypoints["view"])
     keypoints = thin_keypoints(keypoints)
-    start = {context.name: T_robot_sensor}
+    setup = _assemble_working_setup(context, keypoints, T_robot_sensor, associate_options)
+    result = estimate_poses(
+        setup,
+        {context.name: T_robot_sensor},
+        max_rounds=MAX_WORKING_ROUNDS,
+        tolerance_m=WORKING_TOLERANCE,
+        tolerance_rad=WORKING_TOLERANCE,
+        initial_noise_factor=noise_factor,
+    )
+    # Views without thinned keypoints say nothing against the pose.
+    unseen = np.setdiff1d(all_views, keypoints["view"])
+    views = frozenset(unseen.tolist()) | _list_agreeing_views(setup, result)
+    return WorkingPose(result.state.T_robot_sensor[context.name], views)
+
+
+def _assemble_working_setup(
+    context: ExtractionContext,
+    keypoints: Columns,
+    T_robot_sensor: np.ndarray,
+    associate_options: dict[str, Any],
+) -> Setup:
+    """Return the Setup of one sensor, with the σ of its guess as prior about a pose (4, 4)."""
     session = SessionKeypoints(
         session="",
         keypoints=keypoints | {"sensor": np.full(len(keypoints["view"]), context.name)},
         placements=context.placements,
-        T_robot_sensor=start,
+        T_robot_sensor={context.name: T_robot_sensor},
     )
-    setup = assemble_setup(
+    return assemble_setup(
         [session],
         models={context.name: context.model},
         targets=context.targets,
         associate_options=associate_options,
         sensor_priors={context.name: (T_robot_sensor, context.guess_sigma)},
     )
-    result = estimate_poses(
-        setup,
-        start,
-        max_rounds=MAX_WORKING_ROUNDS,
-        tolerance_m=WORKING_TOLERANCE,
-        tolerance_rad=WORKING_TOLERANCE,
-        initial_noise_factor=noise_factor,
-    )
-    return result.state.T_robot_sensor[context.name]
+
+
+def _list_agreeing_views(setup: Setup, result: EstimationResult) -> frozenset[int]:
+    """Return the numbers of the views with a measurement that is used."""
+    used = [
+        group.keypoints["view"][assignment.feature >= 0]
+        for group, assignment in zip(setup.groups, result.assignments, strict=True)
+    ]
+    return frozenset(np.concatenate(used).tolist())
 
 
 def thin_keypoints(keypoints: Columns) -> Columns:

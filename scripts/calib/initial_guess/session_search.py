@@ -101,7 +101,7 @@ class SessionSearch:
         target = target_from_config(self.options["targets"][target_name])
         guess = PoseGuess(status=_no_camera_status(target_name))
         for name, sensor in cameras.items():
-            samples, read_frame = self._sample_frames(name, sensor, {target_name: np.eye(4)})
+            samples, read_frame = self.sample_frames(name, sensor, {target_name: np.eye(4)})
             guess = find_mount(
                 camera_from_config(sensor),
                 target,
@@ -119,7 +119,7 @@ class SessionSearch:
     ) -> PoseGuess:
         """Search T_robot_sensor by the targets with a mount: T_body_target (4, 4) by name."""
         targets = {n: target_from_config(self.options["targets"][n]) for n in mounts}
-        samples, read_frame = self._sample_frames(name, sensor, mounts)
+        samples, read_frame = self.sample_frames(name, sensor, mounts)
         if not samples:
             return PoseGuess(status=_no_frame_status(sorted(mounts)))
         search = POSE_SEARCHES[sensor["kind"]]
@@ -127,7 +127,7 @@ class SessionSearch:
         guess = search(model, targets, samples, read_frame, self.options["guess"])
         return replace(guess, source=SOURCE_DATA) if guess.status.ok else guess
 
-    def _sample_frames(
+    def sample_frames(
         self, name: str, sensor: dict[str, Any], mounts: Mapping[str, np.ndarray]
     ) -> tuple[list[FrameSample], FrameReader]:
         """Return samples of the targets with a mount in the frames of a sensor, and its reader."""

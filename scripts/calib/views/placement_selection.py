@@ -10,6 +10,7 @@ from calib.targets.target_shapes import TargetShape
 from calib.views.field_of_view import PosedSensor
 
 ENOUGH_PLACEMENTS = "enough placements"
+WRONG_IMAGE_SIZE = "image of "  # what reasons against images of another size begin with
 
 
 def select_placements(
@@ -52,6 +53,11 @@ def visibility_status(sensor_name: str, reasons: list[str]) -> Status:
 
 def _visibility_remedy(reasons: list[str]) -> str:
     """Return what to do if no view is kept for these reasons."""
+    if any(reason.startswith(WRONG_IMAGE_SIZE) for reason in reasons):
+        return (
+            "Set size_px of this sensor to the size of its images, and params to the lens at that "
+            "size; or record the CameraInfo of these images."
+        )
     if "seen from behind" in reasons:
         return (
             "Turn T_body_target of the board that is seen from behind, if its frame is the wrong "

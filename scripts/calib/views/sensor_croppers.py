@@ -25,6 +25,7 @@ from calib.views.field_of_view import (
     check_camera_visibility,
     check_lidar_visibility,
 )
+from calib.views.placement_selection import WRONG_IMAGE_SIZE
 
 Payload = dict[str, Any]
 FrameReader = Callable[[int], Any]
@@ -140,7 +141,8 @@ class CameraCropper:
             size = f"{image.shape[1]} x {image.shape[0]}"
             expected = f"{self.model.size_px[0]} x {self.model.size_px[1]}"
             return WindowCut(
-                self.empty_payload(), f"image of {size} px, expected {expected} px (size_px)"
+                self.empty_payload(),
+                f"{WRONG_IMAGE_SIZE}{size} px, expected {expected} px (size_px)",
             )
         u0, u1, v0, v1 = find_image_region(
             self.model, window.target, window.T_sensor_target, window.margin
