@@ -350,6 +350,7 @@ def make_calibration_json():
         "noise": {
             "sensors": {"left": {"pattern_corner": 0.04}, "top": {"target_surface": 0.012}},
             "mocap_factor": 1.25,
+            "mocap_scatter": None,
         },
         "provenance": {"sessions": ["s1"], "packages": {"numpy": "2.4.6"}},
     }

@@ -10,11 +10,14 @@ from calib.diagnosis.observability import TargetDirections, normals_and_axes
 from calib.estimation import pose_chain
 from calib.estimation.estimation_problem import MeasurementGroup, Setup
 from calib.estimation.estimation_result import EstimationResult
+from calib.estimation.noise.repeated_residuals import CornerResiduals, repeated_shares
 from calib.estimation.residuals.assignment import Assignment
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS, uses_template_points
 from calib.geometry.se3 import invert_pose, se3_log
+from calib.sensors.camera.camera_model import CameraModel
 
 TAIL_SIGMA = 3.0
+TAIL_QUANTILE, NORMAL_TAIL_QUANTILE = 0.8, 1.2816  # of absolute values of N(0, 1) 80 % are below
 # Kinds whose features are parts of the target; features of the others are parts of the sensor.
 TARGET_FEATURE_KINDS = ("pattern_corner", "board_outline")
 UNIT_BY_SENSOR_KIND = {"camera": "px", "lidar": "m"}
@@ -131,15 +134,15 @@ def rejected_by_region(sensor: str, setup: Setup, result: EstimationResult) -> l
 
 def fit_statistics(
     sensor: str, setup: Setup, result: EstimationResult
-) -> dict[str, dict[str, float]]:
+) -> dict[str, dict[str, Any]]:
     """Return how well one sensor's residuals fit the noise model, by kind of measurement.
 
-    rejected_share: of the candidates, outside the gate. noise_factor: noise over the configured.
-    common_variance_share: of the variance, common to all repetitions in a placement. tail_share: of
-    the residuals, beyond 3 σ (0.27 % for a normal distribution). systematic_ratio: see
-    systematic_residual_ratio. Kinds that use template points do not follow this model.
+    rejected_share: of the candidates, outside the gate. sigma: noise; ideal_sigma: what extraction
+    or the config would allow, both in unit. common_variance_share: of the variance, common to all
+    repetitions in a placement. tail_share, systematic_ratio, repeated: see the functions of these
+    names. Kinds that use template points do not follow this model.
     """
-    out = {}
+    out: dict[str, dict[str, Any]] = {}
     all_groups = sensor_groups(sensor, setup, result)
     for kind in sorted({g.kind for g, _ in all_groups}):
         if uses_template_points(kind):
@@ -148,14 +151,48 @@ def fit_statistics(
         noise = result.state.noise[sensor, kind]
         sizes = np.concatenate([np.abs(a.standardized)[a.feature >= 0] for _, a in groups])
         n_candidates = sum(int(a.is_candidate.sum()) for _, a in groups)
+        ideal_sigma = float(np.median(np.concatenate([g.keypoints["sigma"] for g, _ in groups])))
         out[kind] = {
             "rejected_share": 1 - len(sizes) / n_candidates if n_candidates else 0.0,
-            "noise_factor": noise.total,
+            "sigma": noise.total * ideal_sigma,
+            "ideal_sigma": ideal_sigma,
+            "unit": RESIDUAL_KINDS[kind].UNIT,
             "common_variance_share": noise.common**2 / noise.total**2,
-            "tail_share": float(np.mean(sizes > TAIL_SIGMA)) if sizes.size else 0.0,
+            "tail_share": tail_share(sizes),
             "systematic_ratio": systematic_residual_ratio(groups),
+            "repeated": repeated_residuals_json(setup, groups),
         }
     return out
+
+
+def tail_share(sizes: np.ndarray) -> float:
+    """Return the share of absolute standardized residuals beyond 3 times their own robust scale.
+
+    It is 0.27 % for a normal distribution. The scale is the larger one of σ = 1 and what their 80 %
+    quantile shows, so that a noise that differs between views is no tail, but outliers are.
+    """
+    if not sizes.size:
+        return 0.0
+    scale = max(1.0, float(np.quantile(sizes, TAIL_QUANTILE)) / NORMAL_TAIL_QUANTILE)
+    return float(np.mean(sizes > TAIL_SIGMA * scale))
+
+
+def repeated_residuals_json(setup: Setup, groups: SensorGroups) -> dict[str, float] | None:
+    """Return what the corner residuals of a camera repeat, by its cause; None for other kinds."""
+    camera = setup.models[groups[0][0].sensor]
+    is_used = any((a.feature >= 0).any() for _, a in groups)
+    if groups[0][0].kind != "pattern_corner" or not isinstance(camera, CameraModel) or not is_used:
+        return None
+    columns = []
+    targets = sorted(setup.targets)
+    for g, a in groups:
+        rows, n = a.feature >= 0, int((a.feature >= 0).sum())
+        target = targets.index(setup.placements[g.placement].target)
+        corner = a.feature[rows] * len(targets) + target
+        uv = np.asarray(g.keypoints["uv"])[rows]
+        columns.append((a.residual[rows], np.full(n, g.placement), corner, uv))
+    corners = CornerResiduals(*(np.concatenate(parts) for parts in zip(*columns, strict=True)))
+    return repeated_shares(corners, camera.size_px)._asdict()
 
 
 def systematic_residual_ratio(groups: SensorGroups) -> float:

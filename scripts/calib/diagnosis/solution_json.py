@@ -15,6 +15,8 @@ from calib.estimation.corrections.board_shape import board_shapes_json
 from calib.estimation.corrections.clock_offset import stream_lags_json
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
+from calib.estimation.nlp.information_matrix import invert_information
+from calib.estimation.noise.noise_estimation import mocap_scatter
 from calib.geometry.se3 import invert_pose, relative_pose_covariance, se3_log
 from calib.io.pose_block import pose_json
 from calib.io.status import Status
@@ -180,7 +182,11 @@ def _undetermined_mount_directions(setup: Setup, target: str, covariance: np.nda
 
 
 def noise_json(setup: Setup, result: EstimationResult) -> dict[str, Any]:
-    """Return the estimated σ by sensor and kind (m, rad, px), and the noise factor of the MCS."""
+    """Return the estimated σ by sensor and kind (m, rad, px), and the noise of the MCS.
+
+    mocap_factor: on its configured σ. mocap_scatter: σ of its errors of placements, as configured
+    and as estimated, m and rad; None if the data do not determine it.
+    """
     out: dict[str, dict[str, float]] = {}
     for (sensor, kind), noise in sorted(result.state.noise.items()):
         if sensor in setup.models:
@@ -189,4 +195,16 @@ def noise_json(setup: Setup, result: EstimationResult) -> dict[str, Any]:
             ]
             sigma = float(noise.total * np.median(np.concatenate(sigmas)))
             out.setdefault(sensor, {})[kind] = sigma
-    return {"sensors": out, "mocap_factor": float(result.state.mocap_noise_factor)}
+    scatter = None
+    if result.solve_result:
+        covariance = invert_information(result.solve_result.information)
+        scatter = mocap_scatter(setup, result.state, covariance)
+    return {
+        "sensors": out,
+        "mocap_factor": float(result.state.mocap_noise_factor),
+        "mocap_scatter": scatter
+        and {
+            name: {"m": float(m), "rad": float(rad)}
+            for name, (m, rad) in zip(("configured", "estimated"), scatter, strict=True)
+        },
+    }

@@ -27,10 +27,10 @@ def find_suspected_errors(
 
     setup: of still placements only, as moving views have errors of their own. corrections: to test.
 
-    Each has name, subject, description, remedy; estimate and sigma of its parameters (m, rad, px or
-    1); log_likelihood_gain and p_value; explained_share of the squared residuals by noise;
-    pose_shift by sensor {m, rad, sigmas} if only this error is corrected, in the σ after it; and
-    alternatives, the other corrections that would do instead.
+    Each has name, subject, description, remedy, change of the config; estimate and sigma of its
+    parameters (m, rad, px or 1); log_likelihood_gain and p_value; explained_share of the squared
+    residuals by noise; pose_shift by sensor {m, rad, sigmas} if only this error is corrected, in
+    the σ after it; and alternatives, the other corrections that would do instead.
     """
     if result.solve_result is None:
         return []
@@ -110,6 +110,7 @@ def _scored_correction_json(candidate: Candidate, score: ScoredCorrection) -> di
         "subject": correction.subject,
         "description": correction.describe(values, sigma),
         "remedy": correction.remedy,
+        "change": correction.config_change(values),
         "estimate": values.tolist(),
         "sigma": sigma.tolist(),
         "log_likelihood_gain": score.gain,

@@ -56,7 +56,7 @@ class ExportScene:
     T_parent_robot (4, 4); robot_body: name of the robot's MCS body; targets: their config blocks,
     with T_body_target (4, 4) beside them where it is known; missing_sensor_reasons: why a sensor
     is not among the sensors; notes: lines for the user; max_views: placements per recording that
-    the Foxglove format shows.
+    the Foxglove format shows; verdict: pass or warn, with its reasons.
     """
 
     rig: str
@@ -70,6 +70,8 @@ class ExportScene:
     missing_sensor_reasons: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     max_views: int = 0
+    verdict: str = "pass"
+    reasons: tuple[str, ...] = ()
 
     @property
     def cameras(self) -> dict[str, ExportSensor]:
@@ -94,6 +96,12 @@ class ExportScene:
             else:
                 transforms.append(FrameTransform(self.parent_frame, s.frame, s.T_parent_sensor))
         return transforms
+
+    def describe_verdict(self) -> list[str]:
+        """Return a line per reason of a verdict that is not pass, for the head of each file."""
+        if self.verdict == "pass":
+            return []
+        return [f"{self.verdict.upper()}: {reason}" for reason in self.reasons]
 
     def describe_worked_points(self) -> list[str]:
         """Describe one point of every sensor in the parent frame, and why sensors are missing."""

@@ -53,6 +53,8 @@ def build_export_scene(
         missing_sensor_reasons=_collect_missing_reasons(results, poses),
         notes=tuple(notes),
         max_views=options["export"]["max_views"],
+        verdict=calibration["verdict"],
+        reasons=tuple(calibration["reasons"]),
     )
 
 

@@ -43,7 +43,6 @@ RENAMED_KEYS = {
     "judge.warn_shift_sigma": "judge.warn_error_moves_pose_sigma",
     "judge.warn_suspicion_chance": "judge.warn_error_p_value",
     "judge.warn_whiteness": "judge.warn_systematic",
-    "judge.warn_widened": "judge.warn_noise_factor_explained",
     "solve.estimate.beams": "solve.estimate.lidar_corrections",
 }
 

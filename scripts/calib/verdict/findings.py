@@ -4,6 +4,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypedDict
 
+from calib.io.config_change import ConfigChange
+
 VERDICT_LEVELS = ("pass", "warn", "fail")
 Limits = dict[str, float]  # the judge block of the config
 
@@ -14,6 +16,7 @@ class Finding(TypedDict):
     check: name of the limit, without warn_ or fail_. sensors: names of those whose verdict depends
     on it; sensor: the one, if it is only one. ratio: how many times value is beyond limit, at
     least 1. value, limit and ratio are None if the check has no number; ratio also if limit is 0.
+    change: what the remedy changes in the config, None if that needs a person.
     """
 
     check: str
@@ -25,11 +28,12 @@ class Finding(TypedDict):
     ratio: float | None
     text: str
     remedy: str
+    change: ConfigChange | None
 
 
 @dataclass(frozen=True)
 class LimitCheck:
-    """A value with a limit `warn_<key>` and one `fail_<key>`.
+    """A value with a limit `warn_<key>`, and one `fail_<key>` if it can make a result unusable.
 
     text: description with {} for the value. display_factor: from the unit of the limit to `unit`.
     is_upper_limit: whether large values are bad.
@@ -53,16 +57,25 @@ def worst_level(levels: Iterable[str]) -> str:
 
 
 def level_by_limits(value: float, limits: Limits, key: str, is_upper_limit: bool = True) -> str:
-    """Return pass, warn or fail by the limits warn_<key> and fail_<key>. NaN fails."""
+    """Return pass, warn or fail by the limits warn_<key> and fail_<key>, if there is one.
+
+    A NaN exceeds every limit.
+    """
     for level in ("fail", "warn"):
-        limit = limits[f"{level}_{key}"]
-        if not (value <= limit if is_upper_limit else value >= limit):
+        limit = limits.get(f"{level}_{key}")
+        if limit is not None and not (value <= limit if is_upper_limit else value >= limit):
             return level
     return "pass"
 
 
 def make_finding(
-    check: str, sensors: Sequence[str], level: str, *, text: str, remedy: str
+    check: str,
+    sensors: Sequence[str],
+    level: str,
+    *,
+    text: str,
+    remedy: str,
+    change: ConfigChange | None = None,
 ) -> Finding:
     """Return a finding without a number."""
     return Finding(
@@ -75,6 +88,7 @@ def make_finding(
         ratio=None,
         text=text,
         remedy=remedy,
+        change=change,
     )
 
 
@@ -90,7 +104,13 @@ def with_limit(
 
 
 def check_limit(
-    check: LimitCheck, value: float, limits: Limits, *, sensor: str = "", remedy: str = ""
+    check: LimitCheck,
+    value: float,
+    limits: Limits,
+    *,
+    sensor: str = "",
+    remedy: str = "",
+    change: ConfigChange | None = None,
 ) -> list[Finding]:
     """Return [finding] if the value exceeds its warn or fail limit, else [].
 
@@ -108,5 +128,6 @@ def check_limit(
         level,
         text=f"{sensor}: {text}" if sensor else text,
         remedy=remedy or check.remedy,
+        change=change,
     )
     return [with_limit(finding, value, limit, check.is_upper_limit)]

@@ -7,22 +7,38 @@ from calib.verdict.findings import LimitCheck
 
 # The cause of a finding comes before its effects.
 CHECKS_BY_IMPORTANCE = (
-    "status", "sensor_moved", "suspected_error", "outline_vs_surface", "target_mount",
-    "time_offset_s", "tilt_deg", "rejected", "mocap_factor", "noise_factor", "tail_share",
-    "systematic", "leave_one_out", "sigma_m", "sigma_deg", "placements", "guess_deviation_sigma",
-    "convergence",
+    "status", "sensor_moved", "suspected_error", "scatter_cause", "outline_vs_surface",
+    "target_mount", "time_offset_s", "tilt_deg", "rejected", "systematic", "tail_share",
+    "leave_one_out", "corner_noise_px", "limb_noise_px", "range_noise_m", "outline_noise_deg",
+    "mocap_noise_m", "mocap_noise_deg", "mocap_factor", "placements", "sigma_m", "sigma_deg",
+    "guess_deviation_sigma", "convergence",
 )  # fmt: skip
-# Measurements and model disagree: more views of the same kind do not help.
+# Errors that are not estimated; they explain misfits, and a larger σ would hide them.
+CAUSE_CHECKS = {
+    "sensor_moved",
+    "suspected_error",
+    "scatter_cause",
+    "outline_vs_surface",
+    "target_mount",
+}
+SYSTEMATIC_CHECKS = {"systematic", "rejected", *CAUSE_CHECKS}
+NOISE_CHECKS = {"corner_noise_px", "limb_noise_px", "range_noise_m", "outline_noise_deg"}
+# Measurements and model disagree, which increases σ.
 MISFIT_CHECKS = {
     "suspected_error",
+    "scatter_cause",
     "rejected",
     "mocap_factor",
-    "noise_factor",
+    "mocap_noise_m",
+    "mocap_noise_deg",
     "tail_share",
     "systematic",
     "leave_one_out",
     "outline_vs_surface",
+    *NOISE_CHECKS,
 }
+# What a cause may explain.
+EFFECT_CHECKS = {*MISFIT_CHECKS, "sigma_m", "sigma_deg", "convergence"} - CAUSE_CHECKS
 CONVERGENCE_REMEDY = (
     "Check the iterations in the report (Appendix), and correct the other findings first."
 )
@@ -50,7 +66,7 @@ LEAVE_ONE_OUT = LimitCheck(
     "Check the most influential placements in the report (Cross-validation): a target may not "
     "have been still, or an error is not estimated.",
 )
-TIME_OFFSET = LimitCheck(
+TIME_OFFSET_CHANGE = LimitCheck(
     "time_offset_s",
     "time offset differs from its initial guess by {}",
     unit=" ms",
@@ -72,17 +88,56 @@ PLACEMENTS = LimitCheck(
 MOCAP_FACTOR = LimitCheck(
     "mocap_factor",
     "errors of the MCS poses are {} times the configured σ",
-    "Set mocap.pose_sigma and pose_bias_sigma to the true values. If they are already correct, "
-    "look for a wrong size or T_body_target of a target, wrong intrinsics, or a wrong time offset.",
+    "Look for a wrong size or T_body_target of a target, a wrong lens, a wrong scale of the MCS, "
+    "or markers that moved.",
 )
+MOCAP_NOISE_M = LimitCheck(
+    "mocap_noise_m",
+    "errors of the MCS poses scatter by {}",
+    MOCAP_FACTOR.remedy,
+    unit=" mm",
+    display_factor=MM_PER_M,
+)
+MOCAP_NOISE_DEG = replace(MOCAP_NOISE_M, key="mocap_noise_deg", unit="°", display_factor=1.0)
 POSITION_SIGMA = LimitCheck("sigma_m", "position σ {}", unit=" mm", display_factor=MM_PER_M)
 ROTATION_SIGMA = LimitCheck("sigma_deg", "rotation σ {}", unit="°")
-NOISE_FACTOR = LimitCheck(
-    "noise_factor",
-    "noise of the {kind} measurements is {{}} times the configured noise",
-    "Check the causes of the noise in the report (Residuals). If it is the noise of the sensor "
-    "itself, set the sensor's noise in the rig file to the true value.",
+CORNER_NOISE = LimitCheck(
+    "corner_noise_px",
+    "corners scatter by {{}}",
+    "Look at the worst views in the report (Overlays): focus the lens, light the board better, and "
+    "hold it still and nearer.",
+    unit=" px",
 )
+LIMB_NOISE = LimitCheck(
+    "limb_noise_px",
+    "contours scatter by {{}}",
+    "Look at the worst views in the report (Overlays): hold the target before a background of "
+    "another colour, and set its color.",
+    unit=" px",
+)
+RANGE_NOISE = LimitCheck(
+    "range_noise_m",
+    "ranges on {kind} scatter by {{}}",
+    "Look at the residuals by ring and incidence in the report (Residuals): nearer targets, and "
+    "surfaces that are neither glossy nor dark, scatter less.",
+    unit=" mm",
+    display_factor=MM_PER_M,
+)
+OUTLINE_NOISE = LimitCheck(
+    "outline_noise_deg",
+    "outline crossings scatter by {{}}",
+    "Look where the outline points lie in the report (Residuals): keep stands and hands away from "
+    "the outline, and record nearer targets.",
+    unit="°",
+)
+# By kind of measurement; the others have no limit of their own.
+NOISE_CHECK_BY_KIND = {
+    "pattern_corner": CORNER_NOISE,
+    "cylinder_limb": LIMB_NOISE,
+    "target_surface": RANGE_NOISE,
+    "cylinder_cap": RANGE_NOISE,
+    "board_outline": OUTLINE_NOISE,
+}
 TAIL_SHARE = LimitCheck(
     "tail_share",
     "{{}} of the {kind} residuals exceed 3 σ",

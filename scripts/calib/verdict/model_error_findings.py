@@ -1,19 +1,31 @@
 """Findings on errors of a recording or its config: suspected errors, target mounts, sessions."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
 
 from calib.estimation.corrections.clock_offset import TIME_OFFSET
 from calib.geometry.units import DEG_PER_RAD, MM_PER_M, MS_PER_S, SHARE_TO_PERCENT
-from calib.verdict.findings import Finding, Limits, level_by_limits, make_finding, with_limit
+from calib.io.config_change import rig_change, target_change
+from calib.verdict.findings import (
+    Finding,
+    Limits,
+    check_limit,
+    level_by_limits,
+    make_finding,
+    with_limit,
+)
+from calib.verdict.limit_checks import TIME_OFFSET_CHANGE
 
 
 def suspected_error_findings(
-    error: dict[str, Any], solution: dict[str, Any], limits: Limits
+    error: dict[str, Any], noisy: Collection[str], limits: Limits
 ) -> list[Finding]:
-    """Return [finding] on a suspected error of solution.json that is significant and matters."""
+    """Return [finding] on a suspected error of solution.json that is significant and matters.
+
+    noisy: the noises above their limits, see find_noises_beyond_limits.
+    """
     if error["p_value"] > limits["warn_error_p_value"]:
         return []
     if error["name"] == TIME_OFFSET:
@@ -24,24 +36,33 @@ def suspected_error_findings(
         if shift["sigmas"] > limits["warn_error_moves_pose_sigma"]
         and shift["m"] > limits["warn_error_moves_pose_m"]
     }
-    explained = _explained_noise(error, solution, limits)
+    explained = {
+        noise: share
+        for noise, share in sorted(error["explained_share"].items())
+        if share > limits["warn_error_explains"] and noise in noisy
+    }
     if not moved and not explained:
         return []
     failed = [
         n for n, shift in moved.items() if _is_failing_shift(shift["m"], shift["rad"], limits)
     ]
-    noisy = {noise.split("/")[0] for noise in explained if "/" in noise}
+    blurred = {noise.split("/")[0] for noise in explained if "/" in noise}
     return [
         make_finding(
             "suspected_error",
-            sorted(failed or set(moved) | noisy),
+            sorted(failed or set(moved) | blurred),
             "fail" if failed else "warn",
             text=_describe_suspected_error(error, moved, explained),
-            remedy="; ".join(
-                dict.fromkeys([error["remedy"], *(e["remedy"] for e in error["alternatives"])])
-            ),
+            remedy=_describe_remedies(error),
+            change=None if error["alternatives"] else error["change"],
         )
     ]
+
+
+def _describe_remedies(error: dict[str, Any]) -> str:
+    """Return what to do about an error, and then what tells it from its alternatives."""
+    first, *others = dict.fromkeys([error["remedy"], *(e["remedy"] for e in error["alternatives"])])
+    return first + "".join(f"; if that is right: {remedy}" for remedy in others)
 
 
 def _is_failing_shift(m: float, rad: float, limits: Limits) -> bool:
@@ -60,7 +81,8 @@ def _describe_suspected_error(
         for noise, share in explained.items()
     ]
     text = f"likely error: {error['description']}; correcting it {' and '.join(effects)}"
-    return text + "".join(f"; or {other['description']}" for other in error["alternatives"])
+    rivals = "".join(f"; or else {other['description']}" for other in error["alternatives"])
+    return text + rivals + (" (only one of them is true)" if rivals else "")
 
 
 def _format_shift(m: float, rad: float) -> str:
@@ -75,21 +97,6 @@ def _describe_noise(noise: str) -> str:
     return f"the {kind.replace('_', ' ')} residuals of {sensor}"
 
 
-def _explained_noise(
-    error: dict[str, Any], solution: dict[str, Any], limits: Limits
-) -> dict[str, float]:
-    """Return {noise: share} of the noises far above the configured that the error explains."""
-    factors = {"mocap_noise": solution["noise"]["mocap_factor"]}
-    for name, sensor in solution["sensors"].items():
-        factors |= {f"{name}/{k}": fit["noise_factor"] for k, fit in sensor["fit_by_kind"].items()}
-    return {
-        noise: share
-        for noise, share in sorted(error["explained_share"].items())
-        if share > limits["warn_error_explains"]
-        and factors.get(noise, 0.0) > limits["warn_noise_factor_explained"]
-    }
-
-
 def _fixed_time_offset_findings(error: dict[str, Any], limits: Limits) -> list[Finding]:
     """Return [finding] on a time offset that is wrong by much and is not estimated."""
     (offset_s,) = error["estimate"]
@@ -102,9 +109,29 @@ def _fixed_time_offset_findings(error: dict[str, Any], limits: Limits) -> list[F
         f"warn above {limit_s * MS_PER_S:.3g} ms"
     )
     finding = make_finding(
-        "time_offset_s", [error["subject"]], "warn", text=text, remedy=error["remedy"]
+        "time_offset_s",
+        [error["subject"]],
+        "warn",
+        text=text,
+        remedy=error["remedy"],
+        change=error["change"],
     )
     return [with_limit(finding, abs(offset_s), limit_s)]
+
+
+def time_offset_findings(solution: dict[str, Any], limits: Limits) -> list[Finding]:
+    """Return the findings on estimated time offsets that are far from their initial guess."""
+    out = []
+    for name, sensor in sorted(solution["sensors"].items()):
+        if sensor["time_offset_s"] and sensor["status"]["ok"]:
+            offset_s = sensor["time_offset_s"]["value"]
+            change_s = abs(offset_s - sensor["guess"]["time_offset_s"]["value"])
+            key, value = f"sensors.{name}.time_offset_s", round(offset_s, 4)
+            remedy = f"Set {key}: {value:.4f}, so that frames are assigned to the right placements."
+            change = rig_change(solution["rig"], key, value)
+            check = TIME_OFFSET_CHANGE
+            out += check_limit(check, change_s, limits, sensor=name, remedy=remedy, change=change)
+    return out
 
 
 def target_mount_findings(
@@ -128,9 +155,11 @@ def target_mount_findings(
         f"Set T_body_target of {name} to the estimate. If the configured value is certain, check "
         "the other findings."
     )
-    return [
-        with_limit(make_finding("target_mount", [], level, text=text, remedy=remedy), value, limit)
-    ]
+    pose = target["T_body_target"]
+    estimate = {k: pose[k] for k in ("xyz_m", "quat_xyzw")}
+    change = target_change(name, "T_body_target", estimate)
+    finding = make_finding("target_mount", [], level, text=text, remedy=remedy, change=change)
+    return [with_limit(finding, value, limit)]
 
 
 def undetermined_mount_findings(name: str, directions: Sequence[str]) -> list[Finding]:

@@ -17,32 +17,38 @@ from calib.verdict.findings import (
 )
 from calib.verdict.limit_checks import (
     BOARD_TILT,
+    CAUSE_CHECKS,
     CHECKS_BY_IMPORTANCE,
     CONVERGENCE_REMEDY,
     CYLINDER_TILT,
+    EFFECT_CHECKS,
     GUESS_DEVIATION,
     LEAVE_ONE_OUT,
     MISFIT_CHECKS,
-    MOCAP_FACTOR,
-    NOISE_FACTOR,
     PLACEMENTS,
     POSITION_SIGMA,
     REJECTED_SHARE,
     REJECTION_REMEDY,
     REJECTION_REMEDY_BY_KIND,
     ROTATION_SIGMA,
-    SYSTEMATIC_RESIDUALS,
-    TAIL_SHARE,
-    TIME_OFFSET,
-    limit_check_of_kind,
+    SYSTEMATIC_CHECKS,
 )
 from calib.verdict.model_error_findings import (
     repeatability_findings,
     suspected_error_findings,
     target_mount_findings,
+    time_offset_findings,
+)
+from calib.verdict.noise_findings import (
+    MOCAP_NOISE,
+    find_noises_beyond_limits,
+    fit_findings,
+    mocap_findings,
+    scatter_cause_findings,
 )
 
 OUTLINE_VS_SURFACE = "outline_vs_surface"  # name of a correction and of its check
+MIN_USELESS_SIGMA_RATIO = 0.9  # of σ with four more placements at the best place over that now
 
 
 class Verdict(NamedTuple):
@@ -57,29 +63,69 @@ def rig_findings(solution: dict[str, Any], limits: Limits) -> Verdict:
     """Judge the content of solution.json by the limits of the config."""
     sensors = dict(sorted(solution["sensors"].items()))
     found = [f for name, sensor in sensors.items() for f in sensor_findings(name, sensor, limits)]
-    for error in solution["suspected_errors"]:
-        found += suspected_error_findings(error, solution, limits)
-    for name, target in sorted(solution["targets"].items()):
-        found += target_mount_findings(name, target, limits)
-    found += repeatability_findings(solution["repeatability"], limits)
-    found += check_limit(MOCAP_FACTOR, solution["noise"]["mocap_factor"], limits)
+    found += time_offset_findings(solution, limits)
+    found += _cause_findings(solution, limits, found)
+    has_systematic = any(f["check"] in SYSTEMATIC_CHECKS for f in found)
+    found += mocap_findings(solution, limits, has_systematic)
     found += _convergence_findings(solution)
     misfits = [f for f in found if f["check"] in MISFIT_CHECKS]
     for name, sensor in sensors.items():
         if sensor["covariance"] is not None:
-            has_misfit = any(not f["sensors"] or name in f["sensors"] for f in misfits)
+            has_misfit = any(_concerns(f, name) for f in misfits)
             found += sigma_findings(name, sensor, limits, has_misfit)
     return make_verdict(found, list(sensors))
 
 
+def _cause_findings(
+    solution: dict[str, Any], limits: Limits, found: list[Finding]
+) -> list[Finding]:
+    """Return the findings on errors that explain others. found: those on single sensors."""
+    noisy, told, out = find_noises_beyond_limits(solution, limits), [], []
+    for error in solution["suspected_errors"]:
+        if findings := suspected_error_findings(error, noisy, limits):
+            told.append(error)
+            out += findings
+    for name, target in sorted(solution["targets"].items()):
+        out += target_mount_findings(name, target, limits)
+    out += repeatability_findings(solution["repeatability"], limits)
+    for name, sensor in sorted(solution["sensors"].items()):
+        is_misfit = any(f["check"] in MISFIT_CHECKS and _concerns(f, name) for f in found)
+        if is_misfit or MOCAP_NOISE in noisy:
+            out += scatter_cause_findings(name, sensor, told)
+    return out
+
+
+def _concerns(finding: Finding, sensor: str) -> bool:
+    """Return whether a finding is on a sensor or on the whole rig."""
+    return not finding["sensors"] or sensor in finding["sensors"]
+
+
 def make_verdict(findings: list[Finding], sensors: list[str]) -> Verdict:
-    """Sort findings by severity and importance, and derive the levels from them."""
+    """Sort findings by severity, a cause before what it may explain, and derive the levels."""
     findings = sorted(
         findings,
-        key=lambda f: (-VERDICT_LEVELS.index(f["level"]), CHECKS_BY_IMPORTANCE.index(f["check"])),
+        key=lambda f: (
+            -VERDICT_LEVELS.index(_rank_level(f, findings)),
+            CHECKS_BY_IMPORTANCE.index(f["check"]),
+            -VERDICT_LEVELS.index(f["level"]),
+        ),
     )
     levels = {n: worst_level(f["level"] for f in findings if n in f["sensors"]) for n in sensors}
     return Verdict(worst_level(f["level"] for f in findings), findings, levels)
+
+
+def _rank_level(finding: Finding, findings: list[Finding]) -> str:
+    """Return the level of a finding; of a cause, the worst of the effects on its sensors."""
+    if finding["check"] not in CAUSE_CHECKS:
+        return finding["level"]
+    names = finding["sensors"]
+    effects = [
+        f["level"]
+        for f in findings
+        if f["check"] in EFFECT_CHECKS
+        and (not names or not f["sensors"] or set(names) & set(f["sensors"]))
+    ]
+    return worst_level([finding["level"], *effects])
 
 
 def sensor_findings(name: str, sensor: dict[str, Any], limits: Limits) -> list[Finding]:
@@ -94,12 +140,10 @@ def sensor_findings(name: str, sensor: dict[str, Any], limits: Limits) -> list[F
     for kind, fit in sorted(sensor["fit_by_kind"].items()):
         if not any(f["check"] == REJECTED_SHARE.key for f in out):
             out += _rejection_findings(name, kind, sensor, limits)
-        out += _fit_findings(name, kind, fit, limits)
+        out += fit_findings(name, kind, fit, limits)
     if sensor["leave_one_out"]:
         ratio = sensor["leave_one_out"]["error_over_sigma"]
         out += check_limit(LEAVE_ONE_OUT, ratio, limits, sensor=name)
-    if sensor["time_offset_s"]:
-        out += _time_offset_findings(name, sensor, limits)
     if sensor["guess_deviation_in_sigma"] is not None:
         deviation = sensor["guess_deviation_in_sigma"]
         out += check_limit(GUESS_DEVIATION, deviation, limits, sensor=name)
@@ -127,17 +171,33 @@ def sigma_findings(
     )
     out = []
     for check, value in values:
-        remedy = "Correct the other findings first: they increase σ, and more views do not help."
+        remedy = _describe_misfit_sigma(sensor)
         if not has_misfit:
             remedy = _advise_more_views(sensor, check, value, limits)
         out += check_limit(check, value, limits, sensor=name, remedy=remedy)
     return out
 
 
+def _describe_misfit_sigma(sensor: dict[str, Any]) -> str:
+    """Say what to do about a σ where model and data disagree, and whether more views would help."""
+    text = "Correct the other findings first: they increase σ."
+    return f"{text} {_describe_useless_views(sensor)}".rstrip()
+
+
+def _describe_useless_views(sensor: dict[str, Any]) -> str:
+    """Say that more views would not help where even the best ones leave σ as it is; else ""."""
+    view = sensor["next_view"]
+    if not view or view["sigma_four"] < MIN_USELESS_SIGMA_RATIO * view["sigma"]:
+        return ""
+    return f"More views would not help. The best: {describe_next_view(view)}"
+
+
 def _advise_more_views(
     sensor: dict[str, Any], check: LimitCheck, value: float, limits: Limits
 ) -> str:
     """Return which views decrease σ, and about how many are needed."""
+    if useless := _describe_useless_views(sensor):
+        return useless
     n, limit = sensor["placements"], limits[f"warn_{check.key}"]
     needed = int(np.ceil(n * (value / limit) ** 2)) if np.isfinite(value) else 0
     advice = sensor["recording_advice"]
@@ -171,16 +231,6 @@ def _outline_findings(name: str, sensor: dict[str, Any]) -> list[Finding]:
     ]
 
 
-def _time_offset_findings(name: str, sensor: dict[str, Any], limits: Limits) -> list[Finding]:
-    offset_s = sensor["time_offset_s"]["value"]
-    change_s = abs(offset_s - sensor["guess"]["time_offset_s"]["value"])
-    remedy = (
-        f"Set sensors.{name}.time_offset_s: {offset_s:.4f}, so that frames are assigned to the "
-        "right placements."
-    )
-    return check_limit(TIME_OFFSET, change_s, limits, sensor=name, remedy=remedy)
-
-
 def _rejection_findings(
     name: str, kind: str, sensor: dict[str, Any], limits: Limits
 ) -> list[Finding]:
@@ -200,18 +250,6 @@ def _rejection_findings(
     )
     share = sensor["fit_by_kind"][kind]["rejected_share"]
     return check_limit(check, share, limits, sensor=name)
-
-
-def _fit_findings(name: str, kind: str, fit: dict[str, float], limits: Limits) -> list[Finding]:
-    """Return the findings on the residuals of one kind of measurement."""
-    out = []
-    for check, value in (
-        (NOISE_FACTOR, fit["noise_factor"]),
-        (TAIL_SHARE, fit["tail_share"]),
-        (SYSTEMATIC_RESIDUALS, fit["systematic_ratio"]),
-    ):
-        out += check_limit(limit_check_of_kind(check, kind), value, limits, sensor=name)
-    return out
 
 
 def _tilt_findings(name: str, sensor: dict[str, Any], limits: Limits) -> list[Finding]:

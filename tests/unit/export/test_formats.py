@@ -4,6 +4,7 @@ import ast
 import io
 import json
 import shlex
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import cv2
@@ -102,6 +103,8 @@ def described(parent=PARENT, frames=FRAMES, sessions=None, **export):
     rear = {"kind": "lidar", "frame": "rear", "status": gone, "T_robot_sensor": None}
     calibration = {
         "rig": "robo",
+        "verdict": "pass",
+        "reasons": [],
         "sensors": sensors | {"rear": rear},
         "targets": {},
         "sessions": {},
@@ -701,6 +704,24 @@ def test_the_index_names_every_file_and_what_could_not_be_written(finished_run, 
     text = render_export_readme(shown, written, judged, {})
     assert "not written: fish.cameramodel: mrcal has no lens model" in text
     assert "left: placements 4, warn below 5" in text
+
+
+@pytest.mark.parametrize("name", sorted(FORMATS))
+def test_every_file_of_a_warned_result_states_the_warning(tmp_path, name):
+    """In its comments, or as data where the format has none; a passed one says nothing of it."""
+    reason = "left: placements 4, warn below 5"
+    session = ExportSession("s", 1, np.eye(4), {"placement": np.zeros(0, int)}, {})
+    _, passed = described(sessions={"s": session})
+    warned = replace(passed, verdict="warn", reasons=(reason,))
+    files = {
+        f: c for f, c in FORMATS[name].render_files(warned).items() if isinstance(c, str | bytes)
+    }
+    assert files
+    for content in files.values():
+        data = content if isinstance(content, bytes) else content.encode()
+        assert f"WARN: {reason}".encode() in data
+    for content in FORMATS[name].render_files(passed).values():
+        assert not isinstance(content, str) or "WARN" not in content
 
 
 def test_images_are_what_was_kept_of_them_and_black_elsewhere():

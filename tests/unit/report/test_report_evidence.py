@@ -133,13 +133,14 @@ def test_every_kind_of_measurement_is_shown(report_files, skip_figures, sensor, 
 
 
 def test_what_did_not_pass_comes_with_what_to_do(report_files, skip_figures):
-    """Each remedy once, with the sensors that it is for."""
+    """Each remedy once, below the reasons for it."""
     one = {"check": "rejected", "level": "warn", "value": 0.3, "limit": 0.2, "text": "much"}
-    one |= {"ratio": 1.5, "remedy": "look at the overlays"}
+    one |= {"ratio": 1.5, "remedy": "look at the overlays", "change": None}
     report_files.findings = [one | {"sensor": n, "sensors": [n]} for n in ("left", "top")]
     page = report_files.render_report()
     said = extract_page_text(page)
     assert "To do Look at the overlays." in said
+    assert "warn much warn much To do: look at the overlays" in said
     assert extract_section(page, "diagnostics").count("look at the overlays") == 2
     assert "1.5 × the limit" in extract_section(page, "diagnostics")
 
@@ -151,6 +152,7 @@ def test_suspicions_are_told_with_rivals_effect_and_remedy(report_files, skip_fi
         "description": "it is off",
         "remedy": "so",
         "log_likelihood_gain": 9.0,
+        "change": None,
     }
     rival |= {"estimate": [0.001], "sigma": [0.0001]}
     report_files.calibration["suspected_errors"] = [
@@ -159,6 +161,7 @@ def test_suspicions_are_told_with_rivals_effect_and_remedy(report_files, skip_fi
             "subject": "board",
             "description": "the squares are larger",
             "remedy": "measure them",
+            "change": {"file": "config/targets/board.yaml", "key": "square_m", "value": 0.08},
             "estimate": [0.02],
             "sigma": [0.001],
             "log_likelihood_gain": 30.0,

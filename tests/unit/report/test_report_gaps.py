@@ -38,6 +38,7 @@ FINDING = {
     "ratio": None,
     "text": "left: no view <of> a target",
     "remedy": NO_VIEW.remedy,
+    "change": None,
 }
 
 

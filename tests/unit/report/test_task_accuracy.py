@@ -165,7 +165,7 @@ def test_without_a_common_placement_it_is_said_that_the_motion_capture_alone_lin
 def finding(check, level, value, limit, text="much"):
     told = {"check": check, "level": level, "value": value, "limit": limit, "text": text}
     told["ratio"] = value and (limit / value if check == "placements" else value / limit)
-    return told | {"sensor": "left", "sensors": ["left"], "remedy": f"mend {check}"}
+    return told | {"sensor": "left", "sensors": ["left"], "remedy": f"mend {check}", "change": None}
 
 
 def test_diagnostics_are_ranked_by_level_then_by_what_they_cost(tmp_path):

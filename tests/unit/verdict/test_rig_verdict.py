@@ -139,15 +139,120 @@ def test_a_large_sigma_with_a_good_fit_asks_for_views_and_says_how_many(clean):
 def test_a_large_sigma_with_a_bad_fit_does_not_ask_for_views(clean):
     def spoil(s):
         s["sensors"]["camera"]["covariance"] = np.diag([1e-4] * 3 + [1e-8] * 3).tolist()
-        s["sensors"]["camera"]["fit_by_kind"]["pattern_corner"]["noise_factor"] = 12.0
+        s["sensors"]["camera"]["fit_by_kind"]["pattern_corner"]["systematic_ratio"] = 5.0
 
     _, found, _ = told(clean, spoil)
-    assert [f["check"] for f in found] == ["noise_factor", "sigma_m"]
-    assert "Correct the other findings first" in found[1]["remedy"]
+    assert [f["check"] for f in found] == ["systematic", "sigma_m"]
+    assert found[1]["remedy"] == "Correct the other findings first: they increase σ."
+
+
+NEXT_VIEW = {"target": "board", "description": "2 m away", "direction": "x", "unit": "m"}
+
+
+@pytest.mark.parametrize(("four_mm", "helps"), [(9.8, False), (5.0, True)])
+def test_more_views_are_said_not_to_help_only_where_four_more_leave_sigma_as_it_is(
+    clean, four_mm, helps
+):
+    def widen(s):
+        camera = s["sensors"]["camera"]
+        camera["covariance"] = np.diag([1e-4] * 3 + [1e-8] * 3).tolist()
+        camera["next_view"] = NEXT_VIEW | {
+            "sigma": 0.010,
+            "sigma_one": 0.0099,
+            "sigma_four": four_mm / 1e3,
+        }
+
+    _, (only,), _ = told(clean, widen)
+    assert ("More views would not help" in only["remedy"]) is not helps
+    assert ("About 28 placements" in only["remedy"]) is helps
+
+
+@pytest.mark.parametrize(
+    ("sensor", "kind", "noise", "level"),
+    [
+        ("camera", "pattern_corner", 0.43, "pass"),  # px, as real images have
+        ("camera", "pattern_corner", 1.5, "warn"),
+        ("camera", "pattern_corner", 6.0, "fail"),
+        ("camera", "cylinder_limb", 1.5, "pass"),
+        ("camera", "cylinder_limb", 3.0, "warn"),
+        ("lidar", "target_surface", 0.03, "pass"),  # m, as real lidars have
+        ("lidar", "target_surface", 0.06, "warn"),
+        ("lidar", "target_surface", 0.25, "fail"),
+        ("lidar", "board_outline", np.radians(0.8), "pass"),
+        ("lidar", "board_outline", np.radians(1.5), "warn"),
+    ],
+)
+def test_noise_has_limits_in_px_m_and_degrees_whatever_an_ideal_sensor_would_have(
+    clean, sensor, kind, noise, level
+):
+    def spoil(s):
+        fits = s["sensors"][sensor]["fit_by_kind"]
+        like = fits.get(kind, fits.get("pattern_corner"))
+        fits[kind] = like | {"sigma": noise, "ideal_sigma": 1e-6, "repeated": None}
+
+    assert told(clean, spoil)[0] == level
+
+
+REPEATED = {"image": 0.0, "target": 0.0, "views": 0.0}
+CAUSES = {
+    "image": "62 % repeats at the same place of the image in all placements (lens)",
+    "target": "62 % repeats at the same corners (board not flat, or its print)",
+    "views": "it differs between placements (blur, motion or distance)",
+    "": "nothing of it repeats (blur, focus or compression)",
+}
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_corners_that_scatter_are_told_against_an_ideal_image_with_their_cause(clean, cause):
+    def spoil(s):
+        fit = s["sensors"]["camera"]["fit_by_kind"]["pattern_corner"]
+        shares = {k: 0.62 if k == cause else 0.0 for k in REPEATED}
+        fit.update(sigma=1.43, ideal_sigma=0.013, repeated=shares)
+
+    found = told(clean, spoil)[1]
+    (noise,) = (f for f in found if f["check"] == "corner_noise_px")
+    assert noise["text"] == (
+        "camera: corners scatter by 1.43 px, warn above 1 px; pattern corner measurements scatter "
+        f"by 1.4 px where these images would allow 0.013 px: {CAUSES[cause]}"
+    )
+
+
+def test_a_lens_that_repeats_in_all_images_comes_before_the_mocap_noise_that_it_looks_like(clean):
+    def spoil(s):
+        s["noise"]["mocap_factor"] = 7.5
+        fit = s["sensors"]["camera"]["fit_by_kind"]["pattern_corner"]
+        fit.update(sigma=0.49, ideal_sigma=0.013, repeated=REPEATED | {"image": 0.45})
+
+    _, (lens, mocap), _ = told(clean, spoil)
+    assert (lens["check"], mocap["check"]) == ("scatter_cause", "mocap_factor")
+    assert lens["remedy"].startswith("Set solve.estimate.intrinsics: true")
+    assert lens["change"] == {
+        "file": "config/config.yaml",
+        "key": "solve.estimate.intrinsics",
+        "value": True,
+    }
+    assert mocap["remedy"].startswith("Correct the findings above first") and not mocap["change"]
+
+
+def test_errors_of_the_motion_capture_are_told_in_mm_and_degrees(clean):
+    scatter = {
+        "configured": {"m": 1.5e-4, "rad": np.radians(0.02)},
+        "estimated": {"m": 1.4e-3, "rad": np.radians(0.14)},
+    }
+
+    def spoil(s):
+        s["noise"].update(mocap_factor=9.0, mocap_scatter=scatter)
+
+    level, (only,), _ = told(clean, spoil)
+    assert level == "warn"
+    assert "they scatter by 1.4 mm, 0.14°; the config states 0.15 mm, 0.02°" in only["text"]
+    assert "mocap.pose_bias_sigma: {xyz_m: 0.0014, rpy_deg: 0.14}" in only["remedy"]
+    scatter["estimated"]["m"] = 0.06
+    assert told(clean, spoil)[0] == "fail"
 
 
 SPOILED = {
-    "mocap_factor": (lambda s: s["noise"].update(mocap_factor=31.0), "fail", 31.0),
+    "mocap_factor": (lambda s: s["noise"].update(mocap_factor=31.0), "warn", 31.0),
     "rejected": (lambda s: s["sensors"]["lidar"].update(rejected_share=0.3), "warn", 0.3),
     "placements": (lambda s: s["sensors"]["lidar"].update(placements=2), "fail", 2),
     "guess_deviation_sigma": (
@@ -204,11 +309,13 @@ def test_what_fails_comes_first_and_causes_before_effects(clean):
 def test_a_suspicion_that_moves_nothing_is_not_told(clean):
     shift = {n: {"m": 1e-5, "rad": 1e-6, "sigmas": 0.5} for n in ("camera", "lidar")}
     suspected = {"name": "square_size", "subject": "board", "description": "so", "remedy": "do"}
+    change = {"file": "config/targets/board.yaml", "key": "pattern.square_m", "value": 0.0808}
     suspected |= {
         "p_value": 1e-20,
         "log_likelihood_gain": 50.0,
-        "explained_share": {"camera/corner": 0.5},
+        "explained_share": {"camera/pattern_corner": 0.5},
         "alternatives": [],
+        "change": change,
     }
     assert (
         told(clean, lambda s: s["suspected_errors"].append(suspected | {"pose_shift": shift}))[1]
@@ -220,6 +327,52 @@ def test_a_suspicion_that_moves_nothing_is_not_told(clean):
     )
     assert level == "fail" and levels == {"camera": "fail", "lidar": "pass"}
     assert found[0]["text"] == "likely error: so; correcting it moves camera by 30 mm and 0°"
+    assert found[0]["change"] == change
+    rival = {"description": "or not so", "remedy": "look"}
+    far = suspected | {"pose_shift": far, "alternatives": [rival]}
+    _, found, _ = told(clean, lambda s: s["suspected_errors"].append(far))
+    assert found[0]["text"].endswith("; or else or not so (only one of them is true)")
+    assert (found[0]["remedy"], found[0]["change"]) == ("do; if that is right: look", None)
+
+
+def test_a_suspicion_that_moves_nothing_is_told_if_it_explains_a_noise_above_its_limit(clean):
+    def spoil(s):
+        still = {n: {"m": 0.0, "rad": 0.0, "sigmas": 0.0} for n in ("camera", "lidar")}
+        s["suspected_errors"].append(
+            {
+                "name": "distortion",
+                "subject": "camera",
+                "description": "bent",
+                "remedy": "set it",
+                "p_value": 1e-20,
+                "explained_share": {"mocap_noise": 0.9},
+                "pose_shift": still,
+                "alternatives": [],
+                "change": None,
+            }
+        )
+
+    assert told(clean, spoil)[1] == []
+
+    def spoil_both(s):
+        spoil(s)
+        s["noise"]["mocap_factor"] = 3.0
+
+    _, (cause, effect), _ = told(clean, spoil_both)
+    assert cause["text"].endswith("correcting it explains 90 % of the errors of the MCS poses")
+    assert (cause["check"], effect["check"]) == ("suspected_error", "mocap_factor")
+
+
+def test_a_cause_comes_before_a_failed_effect_of_it(clean):
+    def spoil(s):
+        camera = s["sensors"]["camera"]
+        camera["covariance"] = np.diag([1e-2] * 3 + [1e-8] * 3).tolist()
+        fit = camera["fit_by_kind"]["pattern_corner"]
+        fit.update(systematic_ratio=5.0, repeated=REPEATED | {"image": 0.5})
+
+    level, found, _ = told(clean, spoil)
+    assert level == "fail"
+    assert [f["check"] for f in found] == ["scatter_cause", "sigma_m", "systematic"]
 
 
 @pytest.mark.parametrize(("ms", "chance", "warned"), [(25, 1e-9, 1), (3, 1e-9, 0), (25, 1e-3, 0)])
@@ -231,11 +384,13 @@ def test_a_clock_that_is_off_and_not_to_be_estimated_is_warned_of(clean, ms, cha
         "description": "the stamps of camera are early",
     }
     about |= {"remedy": "write it", "estimate": [ms / 1e3], "p_value": chance, "pose_shift": still}
+    about["change"] = {"file": "config/config.yaml", "key": "solve.estimate.time_offset"}
     _, found, levels = told(clean, lambda s: s["suspected_errors"].append(about))
     assert levels["camera"] == ("warn" if warned else "pass")
     if warned:
         ((check, value, text),) = [(f["check"], f["value"], f["text"]) for f in found]
         assert (check, value) == ("time_offset_s", 0.025)
+        assert found[0]["change"] == about["change"]
         assert "the stamps of camera are early, and solve.estimate.time_offset is false" in text
 
 
@@ -258,6 +413,7 @@ def moved(shift, prior=0.002, held=()):
     told = content(made)
     told["targets"] = {"board": {"shift": shift, "prior_sigma": [prior] * 3 + [0.005] * 3}}
     told["targets"]["board"]["undetermined"] = list(held)
+    told["targets"]["board"]["T_body_target"] = {"xyz_m": shift[:3], "quat_xyzw": [0, 0, 0, 1]}
     return [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "target_mount"]
 
 
@@ -278,6 +434,11 @@ def test_a_board_estimated_farther_off_is_named_with_its_shift_and_what_to_write
     assert found["level"] == level
     assert f"T_body_target of board differs from the config by {mm} mm and 0.17°" in found["text"]
     assert "Set T_body_target of board" in found["remedy"]
+    assert found["change"] == {
+        "file": "config/targets/board.yaml",
+        "key": "T_body_target",
+        "value": {"xyz_m": [0, mm / 1e3, 0], "quat_xyzw": [0, 0, 0, 1]},
+    }
 
 
 @pytest.mark.parametrize(("offset", "level"), [(0.05, []), (0.2, ["warn"]), (-0.6, ["fail"])])
@@ -287,6 +448,8 @@ def test_a_clock_far_from_its_first_guess_is_told_with_what_to_write(clean, offs
     found = [f for f in rig_findings(late, LIMITS)[1] if f["check"] == "time_offset_s"]
     assert [f["level"] for f in found] == level
     assert all(f"Set sensors.lidar.time_offset_s: {offset:.4f}" in f["remedy"] for f in found)
+    key = {"file": "config/rigs/r.yaml", "key": "sensors.lidar.time_offset_s", "value": offset}
+    assert all(f["change"] == key for f in found)
 
 
 @pytest.mark.parametrize(("mm", "level"), [(0.1, []), (3.0, ["warn"]), (30.0, ["fail"])])

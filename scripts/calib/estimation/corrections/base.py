@@ -15,6 +15,7 @@ import numpy as np
 
 from calib.estimation.estimation_problem import MeasurementGroup, Placement, Setup
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
+from calib.io.config_change import ConfigChange
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.lidar.lidar_model import LidarModel
 
@@ -64,6 +65,13 @@ class TestableCorrection(Correction):
     @abstractmethod
     def remedy(self) -> str:
         """Say what to do if the error is found."""
+
+    def config_change(self, values: np.ndarray) -> ConfigChange | None:
+        """Return the change of the config that corrects the error or lets it be estimated.
+
+        values (n_values,): estimate of the error. None if no key holds what is wrong.
+        """
+        return None
 
     def add_to_setup(self, setup: Setup) -> Setup | None:
         """Return the Setup that estimates the error, or None if it cannot be estimated."""

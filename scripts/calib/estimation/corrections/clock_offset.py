@@ -24,6 +24,7 @@ from calib.estimation.estimation_problem import MeasurementGroup, Placement, Set
 from calib.estimation.estimation_result import EstimationResult
 from calib.geometry.se3 import adjoint, invert_pose, se3_exp, se3_log
 from calib.geometry.units import MS_PER_S
+from calib.io.config_change import pipeline_change
 from calib.mocap.moving_pose_fit import MovingView
 
 TIME_OFFSET = "time_offset"  # name of the correction
@@ -152,8 +153,9 @@ def _suspected_clock_error_json(setup: Setup, estimate: CorrectionEstimate) -> d
         "name": TIME_OFFSET,
         "subject": sensor,
         "description": estimate.correction.describe(estimate.values, estimate.sigma),
-        "remedy": f"change sensors.{sensor}.time_offset_s by {MS_PER_S * offset:+.3g} ms, or set "
-        "solve.estimate.time_offset to auto",
+        "remedy": f"set solve.estimate.time_offset: auto, or change sensors.{sensor}.time_offset_s "
+        f"by {MS_PER_S * offset:+.3g} ms",
+        "change": pipeline_change("solve.estimate.time_offset", "auto"),
         "estimate": [float(offset)],
         "sigma": [float(sigma)],
         "log_likelihood_gain": gain,

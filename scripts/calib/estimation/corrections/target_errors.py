@@ -20,6 +20,7 @@ from calib.estimation.corrections.number_wording import (
 )
 from calib.estimation.estimation_problem import Setup
 from calib.geometry.units import MM_PER_M, SHARE_TO_PERCENT
+from calib.io.config_change import ConfigChange, pipeline_change, target_change
 from calib.targets.board import Board
 from calib.targets.cylinder import Cylinder
 
@@ -51,6 +52,9 @@ class SquareSizeCorrection(TargetCorrection):
     @property
     def remedy(self) -> str:
         return f"measure square_m of {self.subject} with a calliper over several squares"
+
+    def config_change(self, values: np.ndarray) -> ConfigChange:
+        return _size_change(self.subject, "pattern.square_m", self.square_m, values)
 
 
 @dataclass(frozen=True)
@@ -129,6 +133,9 @@ class RadiusCorrection(TargetCorrection):
     def remedy(self) -> str:
         return f"measure the circumference of {self.subject}; radius_m is circumference / 2π"
 
+    def config_change(self, values: np.ndarray) -> ConfigChange:
+        return _size_change(self.subject, "radius_m", self.radius_m, values)
+
 
 @dataclass(frozen=True)
 class LengthCorrection(TargetCorrection):
@@ -150,6 +157,9 @@ class LengthCorrection(TargetCorrection):
     @property
     def remedy(self) -> str:
         return f"measure length_m of {self.subject}"
+
+    def config_change(self, values: np.ndarray) -> ConfigChange:
+        return _size_change(self.subject, "length_m", self.length_m, values)
 
 
 @dataclass(frozen=True)
@@ -174,7 +184,13 @@ class MountCorrection(TargetCorrection):
 
     @property
     def remedy(self) -> str:
-        return f"measure T_body_target of {self.subject} again, or let it be estimated"
+        return (
+            f"measure T_body_target of {self.subject} again, or set "
+            "solve.estimate.target_alignment: true"
+        )
+
+    def config_change(self, values: np.ndarray) -> ConfigChange:
+        return pipeline_change("solve.estimate.target_alignment", True)
 
     def add_to_setup(self, setup: Setup) -> Setup | None:
         if self.subject not in setup.mount_sigma:
@@ -268,6 +284,11 @@ def _describe_cylinder_size(
         f"{choose_by_sign(values[0], 'larger', 'smaller')} than configured: {size}_m "
         f"{configured_m * (1 + values[0]):.4g}, not {configured_m:.4g}"
     )
+
+
+def _size_change(name: str, key: str, configured_m: float, values: np.ndarray) -> ConfigChange:
+    """Return the change of a size to the estimate; values: (relative error,)."""
+    return target_change(name, key, float(f"{configured_m * (1 + values[0]):.6g}"))
 
 
 def _outline_remedy(name: str) -> str:

@@ -166,7 +166,16 @@ def residual_leverage(
 
 
 def estimate_mocap_factor(setup: Setup, state: State, posterior_covariance: np.ndarray) -> float:
-    """Return the factor on the σ of the motion capture poses; see update_mocap_factor.
+    """Return the factor on the σ of the motion capture poses; see update_mocap_factor."""
+    counts = counted_mocap_errors(setup)
+    determined_share = mocap_determined_share(setup, posterior_covariance)
+    return update_mocap_factor(
+        state.mocap_errors[counts], determined_share[counts], state.mocap_noise_factor
+    )
+
+
+def counted_mocap_errors(setup: Setup) -> np.ndarray:
+    """Return which motion capture errors (n,) tell their noise.
 
     Targets compared with template points do not count: errors by the spacing of a template, common
     to a whole placement, would pass for errors of the motion capture.
@@ -179,8 +188,28 @@ def estimate_mocap_factor(setup: Setup, state: State, posterior_covariance: np.n
     counts = np.zeros(len(setup.mocap_sigma), bool)
     counts[robots] = counts[bodies] = True
     counts[robots[~is_exact]] = counts[bodies[~is_exact]] = False
+    return counts
+
+
+def mocap_determined_share(setup: Setup, posterior_covariance: np.ndarray) -> np.ndarray:
+    """Return how well (n, 6), from 0 to 1, the data determine each motion capture error."""
     variances = np.diag(posterior_covariance)[setup.n_pose_unknowns : setup.n_chain_unknowns]
-    determined_share = 1 - variances.reshape(-1, 6)
-    return update_mocap_factor(
-        state.mocap_errors[counts], determined_share[counts], state.mocap_noise_factor
-    )
+    return 1 - variances.reshape(-1, 6)
+
+
+def mocap_scatter(
+    setup: Setup, state: State, posterior_covariance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the σ that the motion capture states and the one its errors show: (m, rad) each.
+
+    None if the data determine too few errors. Both are rms over axes and placements.
+    """
+    counts = counted_mocap_errors(setup)
+    share = np.clip(mocap_determined_share(setup, posterior_covariance)[counts], 0, 1)
+    share = np.stack([share[:, :3].sum(), share[:, 3:].sum()])
+    if np.any(share < 1):
+        return None
+    stated = setup.mocap_sigma[counts]
+    errors = state.mocap_errors[counts] * state.mocap_noise_factor * stated
+    shown = np.sqrt([np.sum(part**2) for part in np.split(errors, 2, 1)] / share)
+    return np.sqrt([np.mean(part**2) for part in np.split(stated, 2, 1)]), shown

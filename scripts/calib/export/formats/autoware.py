@@ -22,7 +22,8 @@ CONVENTION = (
 
 def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
     """Render sensor_kit_calibration.yaml."""
-    poses, head = {}, [f"Sensors of rig {scene.rig}: {CONVENTION}."]
+    head = [f"Sensors of rig {scene.rig}: {CONVENTION}.", *scene.describe_verdict()]
+    poses = {}
     for sensor in scene.sensors.values():
         if sensor.frame == scene.parent_frame:
             continue

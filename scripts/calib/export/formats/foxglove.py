@@ -67,7 +67,11 @@ class PlacementViews:
 
 def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
     """Render foxglove_<session>.mcap of every session."""
-    about = {"convention": CONVENTION, "worked_point": "\n".join(scene.describe_worked_points())}
+    about = {
+        "convention": CONVENTION,
+        "verdict": "\n".join(scene.describe_verdict()) or scene.verdict,
+        "worked_point": "\n".join(scene.describe_worked_points()),
+    }
     files: dict[str, str | bytes | Status] = {}
     for name, session in scene.sessions.items():
         messages = [

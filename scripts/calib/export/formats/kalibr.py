@@ -32,7 +32,7 @@ def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
         if isinstance(block, Status)
     }
     chain: dict[str, dict[str, Any]] = {}
-    head = [f"Cameras of rig {scene.rig}: {CONVENTION}."]
+    head = [f"Cameras of rig {scene.rig}: {CONVENTION}.", *scene.describe_verdict()]
     previous: ExportSensor | None = None
     for name, block in blocks.items():
         if isinstance(block, Status):

@@ -23,13 +23,15 @@ KOIDE3_CAMERA_MODELS = {"radtan": ("plumb_bob", 5), "kannala_brandt": ("fisheye"
 def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
     """Render koide3/<lidar>/<camera>/calib.json of every pair."""
     return {
-        f"koide3/{lidar.name}/{camera.name}/calib.json": _render_calib_json(lidar, camera)
+        f"koide3/{lidar.name}/{camera.name}/calib.json": _render_calib_json(scene, lidar, camera)
         for lidar in scene.lidars.values()
         for camera in scene.cameras.values()
     }
 
 
-def _render_calib_json(lidar: ExportSensor, sensor: ExportSensor) -> str | Status:
+def _render_calib_json(
+    scene: ExportScene, lidar: ExportSensor, sensor: ExportSensor
+) -> str | Status:
     camera = lens_or_status(sensor)
     if isinstance(camera, Status):
         return camera
@@ -40,6 +42,7 @@ def _render_calib_json(lidar: ExportSensor, sensor: ExportSensor) -> str | Statu
     content = {
         "about": {
             "convention": CONVENTION,
+            "verdict": scene.describe_verdict() or [scene.verdict],
             "worked_point": format_worked_point(sensor.frame, lidar.frame, T_lidar_camera),
             "worked_pixel": format_worked_pixel(sensor.frame, camera),
         },

@@ -35,6 +35,7 @@ def _render_cameramodel(scene: ExportScene, sensor: ExportSensor) -> str | Statu
     rt = [*so3_log(T_camera_parent[:3, :3]), *T_camera_parent[:3, 3]]
     head = [
         f"Camera {sensor.name} of rig {scene.rig}: {CONVENTION}. Reference: {scene.parent_frame}.",
+        *scene.describe_verdict(),
         format_worked_pixel(sensor.frame, camera),
         format_worked_point(sensor.frame, scene.parent_frame, sensor.T_parent_sensor),
     ]

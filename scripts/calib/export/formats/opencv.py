@@ -25,7 +25,8 @@ def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
     """Render opencv.yaml, and why the intrinsics of some camera are not in it."""
     flags = cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | cv2.FILE_STORAGE_FORMAT_YAML
     file = cv2.FileStorage("", flags)
-    for line in [f"Sensors of rig {scene.rig}: {CONVENTION}.", *scene.describe_worked_points()]:
+    head = [f"Sensors of rig {scene.rig}: {CONVENTION}.", *scene.describe_verdict()]
+    for line in [*head, *scene.describe_worked_points()]:
         file.writeComment(" ".join(line.split()))
     file.write("parent", scene.parent_frame)
     file.startWriteStruct("sensors", cv2.FILE_NODE_SEQ)

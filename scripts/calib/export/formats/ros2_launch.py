@@ -24,8 +24,9 @@ def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
         args = shlex.join(_publisher_arguments(transform))
         node = {"pkg": "tf2_ros", "exec": "static_transform_publisher", "name": name, "args": args}
         ElementTree.SubElement(root, "node", node)
-    head = f"Static transforms of rig {scene.rig} for ROS 2: {CONVENTION}."
-    text = render_xml_document(root, [head, *scene.describe_worked_points()])
+    head = [f"Static transforms of rig {scene.rig} for ROS 2: {CONVENTION}."]
+    head += scene.describe_verdict()
+    text = render_xml_document(root, [*head, *scene.describe_worked_points()])
     return {"static_transforms.launch.xml": text}
 
 

@@ -19,7 +19,7 @@ CONVENTION = (
 def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
     """Render static_transforms.yaml."""
     head = [f"Static transforms of rig {scene.rig} for ROS 2: {CONVENTION}."]
-    head += scene.describe_worked_points()
+    head += [*scene.describe_verdict(), *scene.describe_worked_points()]
     content = {"transforms": [_transform_json(t) for t in scene.static_transforms()]}
     text = yaml.safe_dump(content, sort_keys=False)
     return {"static_transforms.yaml": format_hash_comment(head) + text}

@@ -36,6 +36,7 @@ def _render_camera_info(scene: ExportScene, sensor: ExportSensor) -> str | Statu
         return failure_status(f"sensor_msgs/CameraInfo has no name for {camera.model}")
     head = [
         f"Camera {sensor.name} of rig {scene.rig}: {CONVENTION}.",
+        *scene.describe_verdict(),
         format_worked_pixel(sensor.frame, camera),
         format_worked_point(sensor.frame, scene.parent_frame, sensor.T_parent_sensor),
     ]

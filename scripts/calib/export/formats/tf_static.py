@@ -27,7 +27,8 @@ def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
 def _render_tf_static_mcap(scene: ExportScene, session: ExportSession) -> bytes:
     transforms = list_session_transforms(scene, session)
     worked = "\n".join(format_worked_point(t.child, t.parent, t.T_parent_child) for t in transforms)
-    about = {"convention": CONVENTION, "worked_point": worked}
+    verdict = "\n".join(scene.describe_verdict()) or scene.verdict
+    about = {"convention": CONVENTION, "verdict": verdict, "worked_point": worked}
     return encode_mcap([make_static_tf_message(session.start_ns, transforms)], about)
 
 

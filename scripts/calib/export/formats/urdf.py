@@ -19,8 +19,9 @@ def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
     root = ElementTree.Element("robot", name=scene.rig)
     ElementTree.SubElement(root, "link", name=scene.parent_frame)
     add_urdf_joints(root, scene)
-    head = f"Sensors of rig {scene.rig}: {CONVENTION}."
-    return {"sensors.urdf": render_xml_document(root, [head, *scene.describe_worked_points()])}
+    head = [f"Sensors of rig {scene.rig}: {CONVENTION}.", *scene.describe_verdict()]
+    text = render_xml_document(root, [*head, *scene.describe_worked_points()])
+    return {"sensors.urdf": text}
 
 
 def add_urdf_joints(element: ElementTree.Element, scene: ExportScene) -> None:

@@ -30,8 +30,8 @@ def render_files(scene: ExportScene) -> dict[str, str | bytes | Status]:
     for element in macro.iter():
         if element is not macro:
             _escape_attributes(element, scene.parent_frame)
-    head = f"Sensors of rig {scene.rig}: {CONVENTION}."
-    text = render_xml_document(root, [head, *scene.describe_worked_points()])
+    head = [f"Sensors of rig {scene.rig}: {CONVENTION}.", *scene.describe_verdict()]
+    text = render_xml_document(root, [*head, *scene.describe_worked_points()])
     return {"sensors.urdf.xacro": text}
 
 

@@ -102,7 +102,7 @@ def summarize_verdict(run: ReportRun) -> dict[str, Any]:
         "reasons": verdict["reasons"],
         "columns": columns,
         "rows": rows,
-        "remedies": list_remedies(verdict["findings"]),
+        "advice": list_advice(verdict["findings"]),
         "limits": {k: format_number(v) for k, v in sorted(limits.items())},
     }
 
@@ -162,13 +162,12 @@ def describe_next_action(findings: list[dict[str, Any]]) -> str:
     return remedy[0].upper() + remedy[1:] + ("" if remedy[-1] in ".?" else ".")
 
 
-def list_remedies(findings: list[dict[str, Any]]) -> list[tuple[str, str, str]]:
-    """Return (level, sensors, remedy) of all findings, each remedy once per level."""
-    sensors: dict[tuple[str, str], list[str]] = {}
+def list_advice(findings: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return {level, reasons, remedy} of all findings in order, each remedy once per level."""
+    out: dict[tuple[str, str], list[str]] = {}
     for f in findings:
-        if f["remedy"]:
-            sensors.setdefault((f["level"], f["remedy"]), []).extend(f["sensors"])
+        out.setdefault((f["level"], f["remedy"]), []).append(f["text"])
     return [
-        (level, ", ".join(dict.fromkeys(names)), remedy)
-        for (level, remedy), names in sensors.items()
+        {"level": level, "reasons": reasons, "remedy": remedy}
+        for (level, remedy), reasons in out.items()
     ]

@@ -20,6 +20,7 @@ from calib.estimation.corrections.number_wording import (
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
 from calib.geometry.units import SHARE_TO_PERCENT
+from calib.io.config_change import ConfigChange, pipeline_change
 from calib.sensors.camera.camera_model import CAMERA_MODELS, CameraModel
 
 INTRINSICS = "intrinsics"  # name of the correction
@@ -152,6 +153,9 @@ class FocalLengthCorrection(SensorCorrection):
     def remedy(self) -> str:
         return lens_remedy(self.subject)
 
+    def config_change(self, values: np.ndarray) -> ConfigChange:
+        return pipeline_change("solve.estimate.intrinsics", True)
+
 
 @dataclass(frozen=True)
 class PrincipalPointCorrection(SensorCorrection):
@@ -170,6 +174,9 @@ class PrincipalPointCorrection(SensorCorrection):
     @property
     def remedy(self) -> str:
         return lens_remedy(self.subject)
+
+    def config_change(self, values: np.ndarray) -> ConfigChange:
+        return pipeline_change("solve.estimate.intrinsics", True)
 
 
 def make_lens_corrections(setup: Setup) -> Iterator[SensorCorrection]:
