@@ -99,7 +99,6 @@ def summarize_verdict(run: ReportRun) -> dict[str, Any]:
             describe_main_reason(run, rows, columns),
             describe_next_action(verdict["findings"]),
         ],
-        "reasons": verdict["reasons"],
         "columns": columns,
         "rows": rows,
         "advice": list_advice(verdict["findings"]),
