@@ -5,6 +5,7 @@ stage_cli       command line, logging and JSON files of all stages
 config          config files, checked against their schemas and completed
 safe_yaml       bounded YAML loader
 yaml_scalars    numbers and names that YAML 1.1 reads otherwise than people write them
+config_change   changes of the config that findings advise, as data
 pose_block      poses in config files and calibration.json
 parquet_tables  tables as columns of arrays, with a status
 table_schemas   columns of every table

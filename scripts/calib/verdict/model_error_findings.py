@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.estimation.corrections.clock_offset import TIME_OFFSET
 from calib.geometry.units import DEG_PER_RAD, MM_PER_M, MS_PER_S, SHARE_TO_PERCENT
-from calib.io.config_change import rig_change, target_change
+from calib.io.config_change import PIPELINE_FILE, ConfigChange, rig_change, target_change
 from calib.verdict.findings import (
     Finding,
     Limits,
@@ -54,9 +54,20 @@ def suspected_error_findings(
             "fail" if failed else "warn",
             text=_describe_suspected_error(error, moved, explained),
             remedy=_describe_remedies(error),
-            change=None if error["alternatives"] else error["change"],
+            change=_undisputed_change(error),
         )
     ]
+
+
+def _undisputed_change(error: dict[str, Any]) -> ConfigChange | None:
+    """Return the change that corrects an error; None for a value that a rival would make wrong.
+
+    To let the data decide, by a key of solve.estimate, is right with rivals, too.
+    """
+    change: ConfigChange | None = error["change"]
+    if change and error["alternatives"] and change["file"] != PIPELINE_FILE:
+        return None
+    return change
 
 
 def _describe_remedies(error: dict[str, Any]) -> str:

@@ -13,6 +13,7 @@ from calib.estimation.corrections.number_wording import MIN_SHOWN_SIGMAS, format
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
 from calib.geometry.units import MM_PER_M
+from calib.io.config_change import ConfigChange, pipeline_change
 from calib.targets.board import Board
 
 BOARD_SHAPE = "board_shape"  # name of the correction
@@ -51,6 +52,9 @@ class BoardShapeCorrection(TargetModelCorrection):
             "set solve.estimate.board_shape: auto, or glue the print of "
             f"{self.subject} to a stiff, flat plate"
         )
+
+    def config_change(self, values: np.ndarray) -> ConfigChange:
+        return pipeline_change("solve.estimate.board_shape", "auto")
 
     def apply_to_target(self, target: Board, values: np.ndarray) -> Board:
         return _warp_board(target, values)

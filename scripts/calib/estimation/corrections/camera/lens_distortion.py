@@ -16,6 +16,7 @@ from calib.estimation.corrections.camera.camera_intrinsics import (
 from calib.estimation.corrections.group_linearization import GroupLinearization
 from calib.estimation.corrections.number_wording import MIN_SHOWN_SIGMAS, format_signed_sigma
 from calib.estimation.estimation_problem import Setup
+from calib.io.config_change import ConfigChange, pipeline_change
 from calib.sensors.camera.camera_model import CAMERA_MODELS, CameraModel
 
 PINHOLE_PARAMETERS = frozenset({"fx", "fy", "cx", "cy"})
@@ -60,6 +61,9 @@ class DistortionCorrection(ModelCorrection[CameraModel]):
     @property
     def remedy(self) -> str:
         return lens_remedy(self.subject)
+
+    def config_change(self, values: np.ndarray) -> ConfigChange:
+        return pipeline_change("solve.estimate.intrinsics", True)
 
 
 def make_distortion_corrections(setup: Setup) -> Iterator[SensorCorrection]:
