@@ -17,11 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.correction_selection import estimate_with_corrections
+from calib.diagnosis.correction_selection import (
+    estimate_with_corrections,
+    with_requested_corrections,
+)
+from calib.diagnosis.covariance.choice_covariance import choice_covariance
 from calib.diagnosis.next_view.next_best_view import find_best_views
 from calib.diagnosis.residual_table import residual_columns
 from calib.diagnosis.session_repeatability import repeatability_json
 from calib.diagnosis.solution_json import solution_json
+from calib.diagnosis.split_halves import estimate_halves, split_halves_json
 from calib.estimation.corrections.correction_estimate import correction_estimates
 from calib.estimation.corrections.mocap.robot_markers import (
     make_markers_corrections,
@@ -130,10 +135,13 @@ def estimate_rig(
     markers = make_markers_corrections(working_poses, options["remounted"])
     setup = replace(setup, corrections=tuple(markers))
     limits = iteration_limits(setup, options["solve"])
+    estimate_options = options["solve"]["estimate"]
+    halves = estimate_halves(setup, T_robot_sensor, estimate_options, **limits)
+    requested = with_requested_corrections(setup, estimate_options)
     setup, result, suspected = estimate_with_corrections(
         setup,
         T_robot_sensor,
-        options["solve"]["estimate"],
+        estimate_options,
         partial(
             add_moving_views,
             moving_sessions=read_moving_sessions(args, options),
@@ -142,6 +150,9 @@ def estimate_rig(
         ),
         **limits,
     )
+    by_choice = choice_covariance(requested, (setup, result), halves, **limits)
+    if result.solve_result is not None:
+        result = result.with_added_covariance(by_choice)
     statuses = statuses_before_solve(options["sensors"], sessions)
     content = solution_json(setup, result, suspected, statuses, options)
     content["sessions"] |= robot_markers_json(setup, result) if result.solve_result else {}
@@ -150,6 +161,7 @@ def estimate_rig(
     for name, sensor in content["sensors"].items():
         sensor["next_view"] = views.get(name)
     content["repeatability"] = repeatability_json(setup, result, **limits)
+    content["split_halves"] = split_halves_json(setup, halves, by_choice)
     return setup, result, content
 
 

@@ -72,6 +72,7 @@ VERDICT_LIMITS = {
     "fail_placements": 3,
     "warn_leave_one_out": 2.0,
     "fail_leave_one_out": 4.0,
+    "warn_split_half": 4.0,
 }
 REJECTED_REGION_JSON = {
     "target": "board",
@@ -89,6 +90,18 @@ NEXT_VIEW_JSON = {
     "sigma": 0.003,
     "sigma_one": 0.0024,
     "sigma_four": 0.0016,
+}
+SPLIT_HALVES_JSON = {
+    "adopted": [[{"name": "beam_offsets", "subject": "top"}], []],
+    "sensors": {
+        "top": {
+            "shift": [0.003, 0.0, 0.004, 0.0, 0.0, 0.01],
+            "sigma": [0.001] * 3 + [0.005] * 3,
+            "nees": 30.0,
+            "n_directions": 6,
+            "placements": [5, 4],
+        }
+    },
 }
 LEAVE_ONE_OUT_JSON = {
     "placements": 2,
@@ -344,6 +357,7 @@ def make_calibration_json():
         "mocap_offsets_s": {},
         "influences": [make_influence_json(0, 1.4, 5.0), make_influence_json(1, None, 7.0)],
         "repeatability": [],
+        "split_halves": SPLIT_HALVES_JSON,
         "targets": {"board": None, "pipe": None},
         "board_shapes": {},
         "sessions": {"s1": None},

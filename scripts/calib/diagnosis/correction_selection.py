@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.consider_covariance import with_consider_covariance
+from calib.diagnosis.covariance.cluster_covariance import with_reported_covariance
 from calib.diagnosis.leave_one_out import leave_one_out_rms
 from calib.diagnosis.suspected_errors import find_suspected_errors
 from calib.estimation.corrections.base import ModelCorrection
@@ -67,16 +67,16 @@ def estimate_with_corrections(
     suspected = find_suspected_errors(setup, result, list_corrections_and_shifts(setup))
     wider = add_moving(setup) if add_moving and result.solve_result else setup
     if wider.n_still == len(wider.placements):
-        return setup, with_consider_covariance(setup, result), suspected
+        return setup, with_reported_covariance(setup, result), suspected
     moving_result = continue_estimate(wider, (setup, result), **limits)
     if estimate_options.get("time_offset") is False:
         clock_errors = suspected_clock_errors_json(wider, moving_result)
-        return setup, with_consider_covariance(setup, result), suspected + clock_errors
+        return setup, with_reported_covariance(setup, result), suspected + clock_errors
     wider, result = _add_stream_lags(wider, moving_result, limits)
     setup = add_clock_drifts(wider, result)
     if setup is not wider:
         result = continue_estimate(setup, (wider, result), **limits)
-    return setup, with_consider_covariance(setup, result), suspected
+    return setup, with_reported_covariance(setup, result), suspected
 
 
 def select_corrections(

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.diagnosis.consider_covariance import unestimated_variance
+from calib.diagnosis.covariance.consider_covariance import unestimated_variance
 from calib.diagnosis.observability import UNDETERMINED_SIGMA
 from calib.estimation.estimation_problem import Setup
-from calib.estimation.estimation_result import EstimationResult
+from calib.estimation.estimation_result import EstimationResult, SolveResult
 from calib.estimation.nlp.information_matrix import invert_information, scale_to_unit_diagonal
 from calib.estimation.nlp.measurement_factor import Factor
 
@@ -59,15 +59,13 @@ class _SensorFactor:
 
 def leave_one_out(setup: Setup, result: EstimationResult) -> list[LeaveOneOut]:
     """Leave out each placement that has measurements, in order."""
-    names, covariance = sorted(setup.models), result.solved.covariance
+    names, solved = sorted(setup.models), result.solved
     by_placement: dict[int, list[_SensorFactor]] = {}
     for group, factor in zip(setup.groups, result.solved.factors, strict=True):
         if not group.is_moving:
             item = _SensorFactor(group.sensor, factor)
             by_placement.setdefault(group.placement, []).append(item)
-    return [
-        _leave_placement_out(k, by_placement[k], names, covariance) for k in sorted(by_placement)
-    ]
+    return [_leave_placement_out(k, by_placement[k], names, solved) for k in sorted(by_placement)]
 
 
 def leave_one_out_rms(setup: Setup, result: EstimationResult) -> float:
@@ -81,9 +79,10 @@ def leave_one_out_rms(setup: Setup, result: EstimationResult) -> float:
 
 
 def _leave_placement_out(
-    placement: int, items: list[_SensorFactor], names: list[str], covariance: np.ndarray
+    placement: int, items: list[_SensorFactor], names: list[str], solved: SolveResult
 ) -> LeaveOneOut:
     """Leave out one placement. names: sensors in the order of the unknowns."""
+    covariance, reported = solved.model_covariance, solved.covariance
     sensors = sorted({item.sensor for item in items})
     columns = np.unique(np.concatenate([item.factor.columns for item in items]))
     H, g = np.zeros((len(columns), len(columns))), np.zeros(len(columns))
@@ -107,7 +106,7 @@ def _leave_placement_out(
             errors[sensor] = error
     blocks = {name: slice(6 * i, 6 * i + 6) for i, name in enumerate(names)}
     influence = {
-        name: _mahalanobis_distance(step[at], covariance[at, at]) for name, at in blocks.items()
+        name: _mahalanobis_distance(step[at], reported[at, at]) for name, at in blocks.items()
     }
     return LeaveOneOut(placement, influence, errors)
 
@@ -170,13 +169,15 @@ def sigma_by_placements_json(
     counts = np.unique(
         np.geomspace(min(MIN_CURVE_PLACEMENTS, last), last, N_CURVE_POINTS).round().astype(int)
     )
-    added = unestimated_variance(setup, result)[6 * index : 6 * index + 6]
+    pose = slice(6 * index, 6 * index + 6)
+    added = unestimated_variance(setup, result)[pose]
+    growth = result.solved.variance_growth[pose]
     rng = np.random.default_rng(seed)
     sigmas = np.zeros((N_RANDOM_ORDERS, len(counts), 2))
     for draw in sigmas:
         sums = prior + np.cumsum(blocks[rng.permutation(last)], 0)
         for i, n in enumerate(counts):
-            sigma = np.sqrt(np.abs(np.diag(invert_information(sums[n - 1]))[at]) + added)
+            sigma = np.sqrt(growth * (np.abs(np.diag(invert_information(sums[n - 1]))[at]) + added))
             draw[i] = sigma[:3].max(), sigma[3:].max()
     sigma_m, sigma_rad = (
         [float(v) if v < UNDETERMINED_SIGMA else None for v in column]

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.consider_covariance import common_range_sigmas
 from calib.diagnosis.correction_selection import sensor_corrections_json
+from calib.diagnosis.covariance.consider_covariance import common_range_sigmas
 from calib.diagnosis.leave_one_out import LeaveOneOut, sigma_by_placements_json
 from calib.diagnosis.observability import (
     describe_pose_direction,

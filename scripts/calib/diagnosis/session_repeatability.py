@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
+from calib.diagnosis.covariance.cluster_covariance import with_cluster_covariance
 from calib.diagnosis.observability import UNDETERMINED_SIGMA
 from calib.estimation.corrections.base import ModelCorrection
 from calib.estimation.estimate_state import get_correction_values
@@ -64,7 +65,7 @@ def session_poses(
     """
     alone = session_setup(setup, result, session)
     start = {n: result.state.T_robot_sensor[n] for n in alone.models}
-    estimate = estimate_poses(alone, start, **limits)
+    estimate = with_cluster_covariance(alone, estimate_poses(alone, start, **limits))
     if estimate.solve_result is None:
         return {}
     covariance, out = estimate.solve_result.covariance, {}

@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import null_space
 
-from calib.diagnosis.consider_covariance import with_consider_covariance
 from calib.diagnosis.correction_selection import (
     list_adopted_corrections,
     select_corrections,
     with_requested_corrections,
 )
+from calib.diagnosis.covariance.cluster_covariance import with_reported_covariance
 from calib.diagnosis.observability import find_undetermined_directions
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
@@ -111,14 +111,21 @@ def sensors_in_halves(setup: Setup, halves: Sequence[Collection[int]]) -> list[s
     ]
 
 
-def compare_halves(halves: tuple[HalfEstimate, HalfEstimate], sensor: str) -> HalfComparison | None:
-    """Compare a sensor's poses of both halves; None if they determine no common direction."""
+def compare_halves(
+    halves: tuple[HalfEstimate, HalfEstimate], sensor: str, added: np.ndarray | None = None
+) -> HalfComparison | None:
+    """Compare a sensor's poses of both halves; None if they determine no common direction.
+
+    added: (6, 6) covariance of the sensor's pose in each half beyond that of its estimate.
+    """
     solved = [h for h in halves if h.result.solve_result is not None and sensor in h.setup.models]
     if len(solved) < 2:
         return None
     first, second = (h.result.state.T_robot_sensor[sensor] for h in halves)
     shift = se3_log(invert_pose(first) @ second)
     covariance = sum(_pose_covariance(h, sensor) for h in halves)
+    if added is not None:
+        covariance = covariance + 2 * added
     U = _determined_directions(np.vstack([_undetermined_directions(h, sensor) for h in halves]))
     if not U.shape[1]:
         return None
@@ -126,6 +133,39 @@ def compare_halves(halves: tuple[HalfEstimate, HalfEstimate], sensor: str) -> Ha
     error = scale * (U.T @ shift)
     nees = float(error @ np.linalg.solve(unit, error))
     return HalfComparison(shift, np.sqrt(np.diag(covariance)), nees, U.shape[1])
+
+
+def split_halves_json(
+    setup: Setup, halves: tuple[HalfEstimate, HalfEstimate] | None, added: np.ndarray
+) -> dict[str, Any] | None:
+    """Return {adopted, sensors} of both halves; None without halves.
+
+    adopted: [{name, subject}] by half. sensors: by name {shift, sigma, nees, n_directions,
+    placements}; placements: their number by half. setup: of all placements. added: (m, m)
+    covariance of its sensors and mounts that the choice of corrections adds in each half.
+    """
+    if halves is None:
+        return None
+    sensors = {}
+    for i, name in enumerate(sorted(setup.models)):
+        at = slice(6 * i, 6 * i + 6)
+        comparison = compare_halves(halves, name, added[at, at])
+        if comparison is not None:
+            sensors[name] = {
+                "shift": comparison.shift.tolist(),
+                "sigma": comparison.sigma.tolist(),
+                "nees": comparison.nees,
+                "n_directions": comparison.n_directions,
+                "placements": [_count_placements(h, name) for h in halves],
+            }
+    adopted = [
+        [{"name": name, "subject": subject} for name, subject in sorted(h.adopted)] for h in halves
+    ]
+    return {"adopted": adopted, "sensors": sensors}
+
+
+def _count_placements(half: HalfEstimate, sensor: str) -> int:
+    return len({g.placement for g in half.setup.groups if g.sensor == sensor})
 
 
 def _estimate_half(
@@ -139,7 +179,7 @@ def _estimate_half(
     start = {n: T_robot_sensor[n] for n in half.models}
     chosen, result = select_corrections(half, start, estimate_options, **limits)
     adopted = list_adopted_corrections(with_requested_corrections(half, estimate_options), chosen)
-    return HalfEstimate(chosen, with_consider_covariance(chosen, result), adopted)
+    return HalfEstimate(chosen, with_reported_covariance(chosen, result), adopted)
 
 
 def _with_sensors(setup: Setup, sensors: Collection[str]) -> Setup:

@@ -9,9 +9,9 @@ from calib.verdict.findings import LimitCheck
 CHECKS_BY_IMPORTANCE = (
     "status", "sensor_moved", "suspected_error", "scatter_cause", "outline_vs_surface",
     "target_mount", "time_offset_s", "tilt_deg", "rejected", "systematic", "tail_share",
-    "leave_one_out", "corner_noise_px", "limb_noise_px", "range_noise_m", "outline_noise_deg",
-    "mocap_noise_m", "mocap_noise_deg", "mocap_factor", "placements", "sigma_m", "sigma_deg",
-    "guess_deviation_sigma", "convergence",
+    "leave_one_out", "split_half", "corner_noise_px", "limb_noise_px", "range_noise_m",
+    "outline_noise_deg", "mocap_noise_m", "mocap_noise_deg", "mocap_factor", "placements",
+    "sigma_m", "sigma_deg", "guess_deviation_sigma", "convergence",
 )  # fmt: skip
 # Errors that are not estimated; they explain misfits, and a larger σ would hide them.
 CAUSE_CHECKS = {
@@ -34,6 +34,7 @@ MISFIT_CHECKS = {
     "tail_share",
     "systematic",
     "leave_one_out",
+    "split_half",
     "outline_vs_surface",
     *NOISE_CHECKS,
 }

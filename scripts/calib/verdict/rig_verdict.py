@@ -46,6 +46,7 @@ from calib.verdict.noise_findings import (
     mocap_findings,
     scatter_cause_findings,
 )
+from calib.verdict.split_half_findings import split_half_findings
 
 OUTLINE_VS_SURFACE = "outline_vs_surface"  # name of a correction and of its check
 MIN_USELESS_SIGMA_RATIO = 0.9  # of σ with four more placements at the best place over that now
@@ -67,6 +68,7 @@ def rig_findings(solution: dict[str, Any], limits: Limits) -> Verdict:
     found += _cause_findings(solution, limits, found)
     has_systematic = any(f["check"] in SYSTEMATIC_CHECKS for f in found)
     found += mocap_findings(solution, limits, has_systematic)
+    found += split_half_findings(solution["split_halves"], limits)
     found += _convergence_findings(solution)
     misfits = [f for f in found if f["check"] in MISFIT_CHECKS]
     for name, sensor in sensors.items():

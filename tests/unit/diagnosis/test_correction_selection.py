@@ -5,8 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.consider_covariance import common_range_sigmas, with_consider_covariance
 from calib.diagnosis.correction_selection import estimate_with_corrections, sensor_corrections_json
+from calib.diagnosis.covariance.consider_covariance import (
+    common_range_sigmas,
+    with_consider_covariance,
+)
 from calib.estimation.corrections.correction_catalog import list_testable_corrections
 from calib.estimation.estimate_state import initial_state
 from calib.estimation.measurement_assignment import assign_measurements

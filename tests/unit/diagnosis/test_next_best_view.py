@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.consider_covariance import with_consider_covariance
+from calib.diagnosis.covariance.consider_covariance import with_consider_covariance
 from calib.diagnosis.leave_one_out import sigma_by_placements_json
 from calib.diagnosis.next_view.next_best_view import (
     CurrentInformation,

@@ -71,6 +71,13 @@ def test_every_session_stands_beside_the_others(report_files, skip_figures):
     assert "s1 left 5 0.17 0.57 0.099" in extract_page_text(report_files.render_report())
 
 
+def test_halves_of_the_placements_stand_beside_each_other(report_files, skip_figures):
+    said = extract_page_text(report_files.render_report())
+    assert "top 5 + 4 5 1.7 0.57 0.5 5 beam offsets of top | none" in said
+    report_files.calibration["split_halves"] = None
+    assert "Half by half" not in extract_page_text(report_files.render_report())
+
+
 def test_levels_agree_with_the_judge():
     limits = validate_and_complete("config", {"sessions": {"s": {"rig": "r", "log": "x"}}}, "x")[
         "judge"

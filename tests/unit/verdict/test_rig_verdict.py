@@ -31,6 +31,18 @@ GUESS = {"frame": "f", "T_robot_sensor": None, "sigma": [1] * 6, "source": "conf
 KINDS = {"camera": {"kind": "camera"}, "lidar": {"kind": "lidar"}}
 OFF = make_pose(None, [0.01, 0.0, 0.0])
 MIXED = [("board", None)] * 7 + [("cylinder", None)] * 3
+SPLIT_HALVES = {
+    "adopted": [[], []],
+    "sensors": {
+        "lidar": {
+            "shift": [0.003, 0.0, 0.004, 0.0, 0.0, 0.01],
+            "sigma": [0.002] * 6,
+            "nees": 6.0,
+            "n_directions": 6,
+            "placements": [5, 5],
+        }
+    },
+}
 DIVERSE = ([0, 0, 1], [0, 1, 0], [0, 1, 1], [0.3, 1, -1], [0.3, -0.2, 1])
 
 
@@ -44,7 +56,7 @@ def content(made):
     told = solution_json(made, result, suspected, known, options)
     for sensor in told["sensors"].values():
         sensor["next_view"] = None
-    return told | {"repeatability": []}
+    return told | {"repeatability": [], "split_halves": SPLIT_HALVES}
 
 
 def judged(made):
@@ -265,6 +277,11 @@ SPOILED = {
         "fail",
         5.0,
     ),
+    "split_half": (
+        lambda s: s["split_halves"]["sensors"]["lidar"].update(nees=54.0),
+        "warn",
+        9.0,
+    ),
     "tail_share": (
         lambda s: s["sensors"]["lidar"]["fit_by_kind"]["target_surface"].update(tail_share=0.05),
         "warn",
@@ -474,3 +491,19 @@ def test_sessions_that_differ_by_chance_are_none_of_the_verdict(clean):
     row = {"sensor": "camera", "session": "evening", "sigma": [1e-3] * 6, "n_other_sessions": 1}
     told["repeatability"] = [row | {"p_value": 0.01, "shift": [0.003, 0, 0, 0, 0, 0]}]
     assert not [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "sensor_moved"]
+
+
+def test_halves_that_chose_other_corrections_are_told_with_both_choices_and_the_key(clean):
+    told = copy.deepcopy(clean)
+    told["split_halves"]["adopted"] = [[{"name": "beam_offsets", "subject": "lidar"}], []]
+    told["split_halves"]["sensors"]["lidar"]["nees"] = 54.0
+    (found,) = rig_findings(told, LIMITS)[1]
+    assert "differ by 5 mm and 0.57°, their squared difference is 9 times" in found["text"]
+    assert "beam offsets of lidar, and none" in found["remedy"]
+    assert "solve.estimate.lidar_corrections to false" in found["remedy"]
+    assert "multiply σ by 3.0" in found["remedy"]
+
+
+def test_too_few_placements_for_halves_are_none_of_the_verdict(clean):
+    told = copy.deepcopy(clean) | {"split_halves": None}
+    assert rig_findings(told, LIMITS)[0] == "pass"

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calib.diagnosis.consider_covariance import unestimated_couplings
+from calib.diagnosis.covariance.cluster_covariance import excess_map
+from calib.diagnosis.covariance.consider_covariance import unestimated_couplings
 from calib.diagnosis.next_view.recorded_view import (
     AddedInformation,
     RecordedView,
@@ -39,19 +40,22 @@ class CurrentInformation:
 
     unknowns_covariance: (n, n), without the errors that are not estimated. unestimated_coupling:
     (n, q) second derivatives of the cost by the unknowns and by these errors, whose σ is
-    unestimated_sigma (q,), see consider_covariance.
+    unestimated_sigma (q,), see consider_covariance. added_pose_covariance: (m, m), see
+    cluster_covariance.
     """
 
     unknowns_covariance: np.ndarray
     unestimated_coupling: np.ndarray
     unestimated_sigma: np.ndarray
+    added_pose_covariance: np.ndarray | None
 
     @classmethod
     def from_result(cls, setup: Setup, result: EstimationResult) -> "CurrentInformation":
         """Return the information of a result."""
         weight = prior_means_and_weights(setup, result.state)[1]
         P = covariance_from_information(joint_information(result.solved.factors, weight))
-        return cls(P, *unestimated_couplings(setup, result))
+        added = result.solved.added_pose_covariance
+        return cls(P, *unestimated_couplings(setup, result), added)
 
     def pose_covariance(
         self, pose_index: slice, added: AddedInformation | None = None, n_times: int = 1
@@ -60,6 +64,16 @@ class CurrentInformation:
 
         pose_index: of the unknowns of the pose.
         """
+        covariance = self._model_covariance(pose_index, added, n_times)
+        if self.added_pose_covariance is None:
+            return covariance
+        now = self._model_covariance(pose_index, None, 1)
+        G = excess_map(now, self.added_pose_covariance[pose_index, pose_index])
+        return G @ covariance @ G.T
+
+    def _model_covariance(
+        self, pose_index: slice, added: AddedInformation | None, n_times: int
+    ) -> np.ndarray:
         rows, G = self.unknowns_covariance[pose_index], self.unestimated_coupling
         if added is not None:
             c, H = added.columns, n_times * added.information

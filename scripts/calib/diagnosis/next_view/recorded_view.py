@@ -9,7 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.diagnosis.consider_covariance import couple_corrections, unestimated_range_errors
+from calib.diagnosis.covariance.consider_covariance import (
+    couple_corrections,
+    unestimated_range_errors,
+)
 from calib.estimation import pose_chain
 from calib.estimation.estimation_problem import MeasurementGroup, SensorModel, Setup
 from calib.estimation.estimation_result import EstimationResult

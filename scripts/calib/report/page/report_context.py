@@ -24,6 +24,7 @@ from calib.report.sections.cross_validation import (
     tabulate_leave_one_out,
     tabulate_rejected_regions,
     tabulate_session_repeatability,
+    tabulate_split_halves,
     tabulate_suspected_errors,
 )
 from calib.report.sections.diagnostics import tabulate_diagnostics
@@ -176,6 +177,7 @@ def build_cross_validation_context(run: ReportRun) -> Context:
     return {
         "leave_one_out": tabulate_leave_one_out(run),
         "influence_figures": [figure for figure in figures if figure],
+        "split_halves": tabulate_split_halves(run),
         "session_repeatability": tabulate_session_repeatability(run),
     }
 

@@ -14,6 +14,7 @@ from calib.report.number_format import (
     format_percent,
 )
 from calib.verdict.findings import level_by_limits
+from calib.verdict.split_half_findings import format_choice
 
 N_TOP_INFLUENCES = 3
 MIN_SHOWN_SHIFT_SIGMA = 0.5  # smaller shifts of a pose by a suspected error are not shown
@@ -101,6 +102,30 @@ def tabulate_session_repeatability(run: ReportRun) -> list[dict[str, Any]]:
             shift, sigma = np.asarray(block["shift"][part]), np.asarray(block["sigma"][part])
             row[key] = format_number(float(np.linalg.norm(shift * scale)), 2)
             row[f"sigma_{key}"] = format_number(float(np.linalg.norm(sigma * scale)), 2)
+        rows.append(row)
+    return rows
+
+
+def tabulate_split_halves(run: ReportRun) -> list[dict[str, Any]]:
+    """Return one row per sensor: its poses from two halves of the placements, and their choices."""
+    halves = run.calibration["split_halves"]
+    if halves is None:
+        return []
+    choices = [format_choice(adopted) for adopted in halves["adopted"]]
+    rows = []
+    for name, sensor in sorted(halves["sensors"].items()):
+        row = {"name": name, "placements": " + ".join(map(format_count, sensor["placements"]))}
+        row["choices"] = choices[0] if choices[0] == choices[1] else " | ".join(choices)
+        for key, part, scale in (
+            ("mm", slice(0, 3), MM_PER_M),
+            ("deg", slice(3, 6), DEG_PER_RAD),
+        ):
+            shift, sigma = np.asarray(sensor["shift"][part]), np.asarray(sensor["sigma"][part])
+            row[key] = format_number(float(np.linalg.norm(shift * scale)), 2)
+            row[f"sigma_{key}"] = format_number(float(np.linalg.norm(sigma * scale)), 2)
+        ratio = sensor["nees"] / sensor["n_directions"]
+        row["ratio"] = format_number(ratio, 2)
+        row["level"] = "warn" if ratio > run.verdict["limits"]["warn_split_half"] else ""
         rows.append(row)
     return rows
 
