@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from calib.diagnosis.covariance.consider_covariance import with_consider_covariance
-from calib.diagnosis.score_terms import placement_clusters
+from calib.diagnosis.error_search.score_terms import placement_clusters
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.nlp.information_matrix import (
