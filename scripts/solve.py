@@ -98,7 +98,7 @@ def read_moving_sessions(args: argparse.Namespace, options: dict[str, Any]) -> l
     return out
 
 
-def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = StageArgumentParser(__doc__)
     parser.add_paths("--pairs", "pairs.parquet of each session")
     parser.add_paths("--placements", "placements.parquet of each session")
@@ -112,7 +112,7 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the stage."""
-    args = _parse_arguments(argv)
+    args = parse_arguments(argv)
     options = args.options
     setup, result, content = estimate_rig(args, options)
     write_json(args.solution, content)
@@ -122,10 +122,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     log_result(setup, result)
 
 
-def estimate_rig(
+def build_rig_setup(
     args: argparse.Namespace, options: dict[str, Any]
-) -> tuple[Setup, EstimationResult, dict[str, Any]]:
-    """Estimate the rig; return the Setup, its result and the content of solution.json."""
+) -> tuple[Setup, dict[str, np.ndarray], list[SessionKeypoints]]:
+    """Return the Setup of the rig, the poses by sensor from which to start, and the sessions.
+
+    The sensors of options get the lenses that the logs state.
+    """
     sessions, mounts = read_sessions(args, options)
     sessions = reject_lens_mismatches(sessions)
     guesses = (item for session in sessions for item in session.guesses.items())
@@ -133,7 +136,14 @@ def estimate_rig(
     setup, T_robot_sensor = build_setup(sessions, mounts, options)
     working_poses = {s.session: s.T_robot_sensor for s in sessions}
     markers = make_markers_corrections(working_poses, options["remounted"])
-    setup = replace(setup, corrections=tuple(markers))
+    return replace(setup, corrections=tuple(markers)), T_robot_sensor, sessions
+
+
+def estimate_rig(
+    args: argparse.Namespace, options: dict[str, Any]
+) -> tuple[Setup, EstimationResult, dict[str, Any]]:
+    """Estimate the rig; return the Setup, its result and the content of solution.json."""
+    setup, T_robot_sensor, sessions = build_rig_setup(args, options)
     limits = iteration_limits(setup, options["solve"])
     estimate_options = options["solve"]["estimate"]
     halves = estimate_halves(setup, T_robot_sensor, estimate_options, **limits)
