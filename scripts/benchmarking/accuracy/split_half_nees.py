@@ -92,8 +92,9 @@ def _compare(
     )
     if model is None or clusters is None or reported is None:
         return []
-    values = [c.nees / c.n_directions for c in (model, clusters, reported)]
-    return [SplitHalfDraw(sensor, *values, halves[0].adopted == halves[1].adopted)]
+    a, b, c = (found.nees / found.n_directions for found in (model, clusters, reported))
+    is_same_choice = halves[0].adopted == halves[1].adopted
+    return [SplitHalfDraw(sensor, a, b, c, is_same_choice)]
 
 
 def _by_model(half: HalfEstimate) -> HalfEstimate:
