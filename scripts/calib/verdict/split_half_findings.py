@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.diagnosis.correction_selection import CORRECTIONS_BY_KEY
 from calib.geometry.units import DEG_PER_RAD, MM_PER_M
 from calib.verdict.findings import Finding, Limits, make_finding, with_limit
 
@@ -37,6 +38,12 @@ def format_choice(adopted: list[dict[str, str]]) -> str:
     return ", ".join(names) or "none"
 
 
+def _config_key(correction: str) -> str:
+    """Return the key of the config that forbids the estimation of a correction."""
+    keys = (key for key, names in CORRECTIONS_BY_KEY.items() if correction in names)
+    return f"solve.estimate.{next(keys, 'lidar_corrections')}"
+
+
 def _finding(name: str, sensor: dict[str, Any], adopted: list[list[dict[str, str]]]) -> Finding:
     m, rad = np.linalg.norm(np.reshape(sensor["shift"], (2, 3)), axis=1)
     ratio = sensor["nees"] / sensor["n_directions"]
@@ -45,8 +52,7 @@ def _finding(name: str, sensor: dict[str, Any], adopted: list[list[dict[str, str
     if adopted[0] != adopted[1]:
         first, second = map(format_choice, adopted)
         disputed = [c for c in adopted[0] + adopted[1] if (c in adopted[0]) != (c in adopted[1])]
-        is_mount = all(c["name"] == "mount" for c in disputed)
-        key = f"solve.estimate.{'target_alignment' if is_mount else 'lidar_corrections'}"
+        key = _config_key(disputed[0]["name"])
         remedy = OTHER_CHOICE_REMEDY.format(first=first, second=second, key=key, factor=factor)
     text = (
         f"{name}: poses from two halves of the placements differ by {m * MM_PER_M:.2g} mm and "
