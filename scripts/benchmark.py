@@ -46,6 +46,10 @@ from benchmarking.accuracy.simulation_plan import (
     simulated_log_name,
     speed_rig_config,
 )
+from benchmarking.accuracy.split_half_nees import (
+    build_split_half_section,
+    measure_split_halves,
+)
 from benchmarking.decode_cost.decode_cost import build_decode_section, measure_decode_costs
 from benchmarking.decode_cost.process_cost import RunSpeed, parse_stage_costs, time_raw_read
 from benchmarking.fuzzing.case_runner import run_fuzz_campaign
@@ -84,6 +88,14 @@ def parse_benchmark_arguments(argv: list[str] | None) -> argparse.Namespace:
         type=Path,
         default=ROOT / "docs",
         help="folder for the page and the chart of a full run",
+    )
+    add(
+        "--recordings",
+        type=Path,
+        nargs="*",
+        default=[],
+        metavar="FOLDER",
+        help="folders of finished runs on real recordings, for the table of split halves",
     )
     add("--keep-logs", action="store_true", help="use the logs of an earlier run in WORK")
     return parser.parse_args(argv)
@@ -247,7 +259,10 @@ def main(argv: list[str] | None = None) -> None:
     draws = args.draws or (4 if args.quick else 100)
     sizes = list_accuracy_cases(args.quick), 5 if args.quick else 30, draws
     lines, speeds, found = measure_accuracy(args.work.resolve(), *sizes, args)
+    simulated = args.work.resolve() / "logs" / SPEED_FOLDER
+    halves = measure_split_halves([simulated, *args.recordings], 4 if args.quick else 30)
     sections = [
+        build_split_half_section(halves),
         build_lab_section(measure_lab_faults(args.work.resolve() / "lab", args.quick, args)),
         build_decode_section(measure_decode_costs(args.work.resolve() / "ingest", args.quick)),
         build_fuzz_section(run_fuzz_campaign(500 if args.quick else 10_000, 1, args.cores)),

@@ -19,7 +19,12 @@ from typing import Any
 import numpy as np
 
 import solve
-from benchmarking.page.markdown import format_markdown_table, format_two_digits
+from benchmarking.page.markdown import (
+    PageSection,
+    format_markdown_table,
+    format_two_digits,
+    render_markdown,
+)
 from calib.diagnosis.correction_selection import (
     select_corrections,
     with_requested_corrections,
@@ -29,6 +34,8 @@ from calib.diagnosis.split_halves import HalfEstimate, compare_halves, estimate_
 from calib.estimation.problem_assembly import iteration_limits
 
 ROOT = Path(__file__).parents[3]
+PAGE_TEMPLATE = Path(__file__).with_suffix(".md.j2")
+NEES_GOAL = (0.5, 1.5)  # of the mean over the halvings of a recording
 COLUMNS = (
     "recording", "sensor", "halves", "NEES, model alone", "NEES, with placements", "NEES, reported",
     "median", "chose alike",
@@ -120,24 +127,55 @@ def _format_sensor_cells(draws: list[SplitHalfDraw]) -> list[str]:
     return [*(format_two_digits(float(v)) for v in (*means, median)), f"{alike} of {len(draws)}"]
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Draw halves of every rig of every folder, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folders", nargs="+", type=Path, help="folders of finished runs")
-    parser.add_argument("--draws", type=int, default=30, help="halvings of each rig")
-    parser.add_argument("--estimate", default="{}", help="solve.estimate to set instead, as JSON")
-    args, draws_by_title = parser.parse_args(argv), {}
-    here = Path.cwd()
-    for folder in (f.resolve() for f in args.folders):
+def measure_split_halves(
+    folders: Sequence[Path], n_draws: int, estimate_options: dict[str, Any] | None = None
+) -> dict[str, list[SplitHalfDraw]]:
+    """Draw halves of every rig of the folders of finished runs; return the draws by title.
+
+    estimate_options: keys of solve.estimate to set instead.
+    """
+    out, here = {}, Path.cwd()
+    for folder in (f.resolve() for f in folders):
         for words in list_solve_arguments(folder):
             at = words.index("--options") + 1
             options = json.loads(words[at])
-            options["solve"]["estimate"] |= json.loads(args.estimate)
+            options["solve"]["estimate"] |= estimate_options or {}
             words[at] = json.dumps(options)
-            os.chdir(folder)
-            draws = draw_split_halves(words, args.draws)
-            os.chdir(here)
-            draws_by_title[f"{folder.name}, {options['rig']}"] = draws
+            os.chdir(folder)  # the paths of a job are relative to its folder
+            try:
+                out[f"{folder.name}, {options['rig']}"] = draw_split_halves(words, n_draws)
+            finally:
+                os.chdir(here)
+    return out
+
+
+def build_split_half_section(draws_by_title: dict[str, list[SplitHalfDraw]]) -> PageSection:
+    """Return the section of the page on split halves."""
+    table = format_split_half_table(draws_by_title)
+    text = render_markdown(PAGE_TEMPLATE, table=table, low=NEES_GOAL[0], high=NEES_GOAL[1])
+    return PageSection("Split halves", text, check_split_half_goals(draws_by_title))
+
+
+def check_split_half_goals(draws_by_title: dict[str, list[SplitHalfDraw]]) -> list[str]:
+    """Return a sentence for each sensor whose mean NEES misses the goal."""
+    out = []
+    for title, draws in draws_by_title.items():
+        for sensor in sorted({d.sensor for d in draws}):
+            mean = float(np.mean([d.reported for d in draws if d.sensor == sensor]))
+            if not NEES_GOAL[0] <= mean <= NEES_GOAL[1]:
+                goal = f"{NEES_GOAL[0]:g} to {NEES_GOAL[1]:g}"
+                out.append(f"split halves of {title}: {sensor} has {mean:.2g}, goal {goal}")
+    return out
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Draw halves of every rig of every folder, and print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("folders", nargs="+", type=Path, help="folders of finished runs")
+    parser.add_argument("--draws", type=int, default=30, help="halvings of each rig")
+    parser.add_argument("--estimate", default="{}", help="solve.estimate to set instead, as JSON")
+    args = parser.parse_args(argv)
+    draws_by_title = measure_split_halves(args.folders, args.draws, json.loads(args.estimate))
     print(format_split_half_table(draws_by_title))
 
 
