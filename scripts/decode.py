@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from calib.decoding.body_tracks import audit_body, build_mocap_columns
+from calib.decoding.clock_steps import clock_steps_json
 from calib.decoding.decoded_log import (
     DecodedLog,
     build_frame_columns,
@@ -60,6 +61,11 @@ def build_log_audit(
         "faults": [*log.read_errors, *describe_unreadable_messages(decoded)],
         "topics": {k: {"type": t, "messages": n} for k, (t, n) in sorted(log.topics.items())},
         "mocap": mocap,
+        "clock_steps": [
+            step
+            for name, clock in sorted(clocks.items())
+            for step in clock_steps_json(name, clock.steps, log.start_ns)
+        ],
         "bodies": bodies,
         "sensors": sensors,
         "static": [
@@ -81,6 +87,8 @@ def _log_audit(audit: dict[str, Any]) -> None:
     """Log the faults of a log, what was inferred of its sensors, and failed statuses."""
     for fault in audit["faults"]:
         logger.warning("%s", fault)
+    for step in audit["clock_steps"]:
+        logger.warning("%s. %s", step["text"], step["remedy"])
     for name, sensor in audit["sensors"].items():
         for quantity, text in sensor.get("inferred", {}).items():
             logger.info("%s: %s: %s", name, quantity, text)

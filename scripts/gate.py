@@ -2,7 +2,8 @@
 
 Reads   mocap.parquet, log.json
 Writes  placements.parquet: maximal still intervals per target, trimmed at both ends, with the mean
-        T_robot_body over the interval and its covariance; and the intervals between, marked moving
+        T_robot_body over the interval and its covariance; and the intervals between, marked moving.
+        Its notes hold the status of each target and the noise of each body at rest
 Decides by linear and angular speed over a window, from motion capture alone.
 """
 
@@ -18,6 +19,7 @@ from calib.io.status import Status
 from calib.io.table_schemas import MOCAP_SCHEMA, PLACEMENTS_SCHEMA
 from calib.mocap import placements
 from calib.mocap.body_trajectory import relative_trajectory, trajectory_from_columns
+from calib.mocap.rest_noise import describe_rest_noise, measure_body_noise
 from calib.mocap.stillness import StillnessLimits
 from calib.mocap.stillness_losses import never_still_status
 
@@ -33,18 +35,21 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the stage."""
     args = _parse_arguments(argv)
-    options = args.options
+    options, mocap = args.options, args.options["mocap"]
     columns, _, _ = read_table(args.mocap, MOCAP_SCHEMA)
     audit = read_json(args.audit)["bodies"]
-    sigma = pose_sigma_from_config(options["mocap"]["pose_sigma"])
-    gap = options["mocap"]["max_gap_s"]
-    robot = trajectory_from_columns(columns, options["body"], gap)
-    rows, notes = [], {}
+    sigma, gap = pose_sigma_from_config(mocap["pose_sigma"]), mocap["max_gap_s"]
     limits = StillnessLimits.from_config(options["gate"])
+    robot = trajectory_from_columns(columns, options["body"], gap)
+    bodies = [options["body"], *options["targets"].values()]
+    measured = measure_body_noise(columns, bodies, limits, gap)
+    used = measured if mocap["use_measured_noise"] else {}
+    rows, statuses = [], {}
     for target, body in sorted(options["targets"].items()):
         trajectory = trajectory_from_columns(columns, body, gap)
         relative = relative_trajectory(robot, trajectory)
-        found = placements.find_target_placements(target, relative, options["gate"], sigma)
+        noise = {"robot": used.get(options["body"]), "body": used.get(body)}
+        found = placements.find_target_placements(target, relative, limits, sigma, noise)
         still = [r for r in found if r["kind"] == "still"]
         rows += found
         status = placements.body_status(audit, options["body"], body)
@@ -56,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> None:
                 stamps_ns=trajectory.stamps_ns,
                 limits=limits,
             )
-        notes[target] = status.to_dict()
+        statuses[target] = status.to_dict()
         logger.info("%s: %d still intervals of %d", target, len(still), len(found))
     status = Status.from_dict(audit[options["body"]]["status"])
     # The number of a placement is its row. Still ones come first, because people count these.
@@ -64,7 +69,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     names = [k for k in PLACEMENTS_SCHEMA.names if k != "placement"]
     table: Columns = {k: [r[k] for r in rows] for k in names}
     table["placement"] = np.arange(len(rows))
+    noise_json = {name: noise.to_dict() for name, noise in measured.items()}
+    lines = [describe_rest_noise(name, noise, mocap) for name, noise in measured.items()]
+    notes = {"targets": statuses, "mocap_noise": noise_json, "mocap_notes": lines}
     write_table(args.output, PLACEMENTS_SCHEMA, table, status, notes)
+    for line in lines:
+        logger.info("%s", line)
 
 
 if __name__ == "__main__":

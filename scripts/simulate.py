@@ -98,9 +98,13 @@ ERROR_ARGUMENTS = (  # flag, default, help
     ("--mcs-noise-deg", 0.0, "likewise"),
     ("--mcs-bias-m", 0.0, "per axis, drawn once per body and placement"),
     ("--mcs-bias-deg", 0.0, "likewise"),
+    ("--mcs-wander-m", 0.0, "slow noise per axis: Gauss-Markov process of first order"),
+    ("--mcs-wander-s", 3.0, "its time constant"),
     ("--mcs-late-s", 0.0, "by which its stamps are late"),
     ("--mcs-drift-ppm", 0.0, "millionths by which they get later as a session goes on"),
     ("--mcs-dropout", 0.0, "share of each body's samples that is lost, in bursts"),
+    ("--mcs-dropout-s", 0.08, "length of these bursts, on average"),
+    ("--mcs-hz", 100.0, "poses per second"),
     ("--mount-m", 0.0, "unstated offset of a target in its body: length"),
     ("--mount-deg", 0.0, "and angle"),
     ("--remount-m", 0.0, "of the robot's markers in every session but the first: length"),
@@ -139,6 +143,8 @@ def parse_simulation_arguments(argv: Sequence[str] | None) -> argparse.Namespace
     add("--label-swaps", type=int, default=0, help="times that two bodies exchange their names")
     for flag, options, help_text in SENSOR_ARGUMENTS:
         add(flag, help=help_text, **options)
+    wander_help = "slow noise about x, y and z of each body"
+    add("--mcs-wander-deg", type=float, nargs=3, default=[0.0] * 3, metavar="DEG", help=wander_help)
     for flag, default, help_text in ERROR_ARGUMENTS:
         add(flag, type=float, default=default, help=help_text)
     rig_name = parser.parse_known_args(argv)[0].rig

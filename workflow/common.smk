@@ -33,6 +33,7 @@ def stop_on_input_error(function, *arguments):
         raise WorkflowError(escape_control_characters(str(error)))
 
 
+NOISE_KEYS = ("pose_sigma", "pose_bias_sigma")
 CONFIG, RIGS, TARGETS = stop_on_input_error(load_config, config)
 PREVIOUS_POSES = {
     name: stop_on_input_error(read_previous_calibration, rig["guess_from"], rig)
@@ -103,7 +104,7 @@ def decode_slice(sensor):
 
 def gate_options(wildcards):
     rig = RIGS[wildcards.rig]
-    mocap = {k: rig["mocap"][k] for k in ("max_gap_s", "pose_sigma")}
+    mocap = {k: rig["mocap"][k] for k in ("max_gap_s", *NOISE_KEYS, "use_measured_noise")}
     bodies = {t: TARGETS[t]["body"] for t in SESSIONS[wildcards.session]["targets"]}
     return options_json(gate=CONFIG["gate"], body=rig["body"], mocap=mocap, targets=bodies)
 
@@ -209,7 +210,7 @@ def extract_options(wildcards):
 
 
 def mocap_noise_slice(wildcards):
-    return {k: RIGS[wildcards.rig]["mocap"][k] for k in ("pose_sigma", "pose_bias_sigma")}
+    return {k: RIGS[wildcards.rig]["mocap"][k] for k in NOISE_KEYS}
 
 
 def associate_options(wildcards):

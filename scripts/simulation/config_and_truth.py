@@ -60,9 +60,10 @@ def make_rig_config(
 
 
 def _mocap_config(args: argparse.Namespace) -> dict[str, Any]:
-    return {
-        "topics": ["/tf"],
-        "map": MAP_FRAME,
+    topics = {"topics": ["/tf"], "map": MAP_FRAME}
+    if args.mcs_wander_m or any(args.mcs_wander_deg):
+        return topics  # noise that no user knows: the defaults
+    return topics | {
         "pose_sigma": _sigma_json(
             max(args.mcs_noise_m, MIN_MCS_SIGMA_M), max(args.mcs_noise_deg, MIN_MCS_SIGMA_DEG)
         ),

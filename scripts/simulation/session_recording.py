@@ -17,7 +17,6 @@ from simulation.sensors.camera_exposure import Shutter, digitize_image
 from simulation.sensors.image_renderer import RayGrid, compute_ray_grid, render_image
 from simulation.sensors.lidar_scanner import scan_scene
 from simulation.sensors.mocap_errors import (
-    MCS_PERIOD_NS,
     LabelSwap,
     apply_label_swaps,
     draw_dropouts,
@@ -107,7 +106,7 @@ def generate_tf_messages(session: SessionTruth) -> Iterator[RosMessage]:
     """Generate the messages of motion capture."""
     rng, args = session.make_rng(MOCAP_SEED), session.arguments
     start, end = mcs_time_span(session.placement_times_ns)
-    t = np.arange(start, end + 1, MCS_PERIOD_NS)
+    t = np.arange(start, end + 1, round(NS_PER_S / args.mcs_hz))
     names = session.names_by_body()
     poses = {body: measure_body_poses(session, rng, name, t) for body, name in names.items()}
     poses = apply_label_swaps(poses, t, session.label_swaps)
@@ -115,7 +114,8 @@ def generate_tf_messages(session: SessionTruth) -> Iterator[RosMessage]:
     stamps += np.round(args.mcs_drift_ppm * 1e-6 * (t - start)).astype(np.int64)
     log_times = stamps + 4_000_000 + rng.integers(0, 2_000_000, len(t))
     rng = session.make_rng(DROPOUT_SEED)
-    is_lost = {body: draw_dropouts(rng, len(t), args.mcs_dropout) for body in names}
+    n_lost = args.mcs_dropout_s * args.mcs_hz
+    is_lost = {body: draw_dropouts(rng, len(t), args.mcs_dropout, n_lost) for body in names}
     for i, (stamp_ns, log_time_ns) in enumerate(zip(stamps, log_times, strict=True)):
         measured = {body: T[i] for body, T in poses.items() if not is_lost[body][i]}
         if measured:

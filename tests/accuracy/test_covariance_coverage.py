@@ -159,6 +159,11 @@ def recorded():
         "effective_samples": np.full(len(T), 80.0),
         "mean_pose_sigma_factor": np.full(len(T), 80**-0.5),
         "residual_drift": np.zeros((len(T), 6)),
+        **{
+            f"{name}_slow_{quantity}": np.zeros((len(T), 6))
+            for name in ("robot", "body")
+            for quantity in ("sigma", "time_s")
+        },
         "covariance": np.zeros((len(T), 36)),
     }
     number = np.repeat(np.arange(len(T)), VIEWS)

@@ -147,6 +147,11 @@ def make_placement_columns():
         "effective_samples": np.full(n, 150.0),
         "mean_pose_sigma_factor": np.full(n, 0.1),
         "residual_drift": np.zeros((n, 6)),
+        **{
+            f"{name}_slow_{quantity}": np.zeros((n, 6))
+            for name in ("robot", "body")
+            for quantity in ("sigma", "time_s")
+        },
         "covariance": np.zeros((n, 36)),
     }
 
@@ -396,7 +401,7 @@ class ReportInputs:
     def __init__(self, folder):
         self.folder = folder
         rng = np.random.default_rng(0)
-        self.calibration, self.findings = make_calibration_json(), []
+        self.calibration, self.findings, self.mocap_notes = make_calibration_json(), [], []
         self.audits, self.frames = {"s1": make_log_audit()}, {"s1": make_frame_columns()}
         self.placements = {"s1": (make_placement_columns(), OK, {"board": OK, "pipe": OK})}
         self.guesses, self.views, self.keypoints, parts = {}, {}, {}, []
@@ -442,7 +447,8 @@ class ReportInputs:
             path = self.write_table_input(f"{session}-frames", FRAMES_SCHEMA, self.frames[session])
             arguments["frames"].append(path)
             columns, status, of_targets = self.placements[session]
-            notes = {k: v.to_dict() for k, v in of_targets.items()}
+            statuses = {k: v.to_dict() for k, v in of_targets.items()}
+            notes = {"targets": statuses, "mocap_noise": {}, "mocap_notes": self.mocap_notes}
             path = self.write_table_input(
                 f"{session}-placements", PLACEMENTS_SCHEMA, columns, status, notes
             )

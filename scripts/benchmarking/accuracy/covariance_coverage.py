@@ -104,6 +104,11 @@ def exact_placements(session: SessionTruth, options: dict[str, Any]) -> dict[int
         "quat": pose_to_quat(T),
         "mean_pose_sigma_factor": np.full(len(T), N_MCS_SAMPLES**-0.5),
         "residual_drift": np.zeros((len(T), 6)),
+        **{
+            f"{name}_slow_{quantity}": np.zeros((len(T), 6))
+            for name in ("robot", "body")
+            for quantity in ("sigma", "time_s")
+        },
     }
     return make_still_placements(
         table, session.name, targets=options["targets"], mocap_noise=options["mocap"]

@@ -15,6 +15,7 @@ from calib.io.logs.open_log import RecordedLog
 from calib.io.parquet_tables import Columns, concatenate_columns
 from calib.io.status import OK, Status, did_you_mean, failure_status
 from calib.io.table_schemas import MOCAP_SCHEMA
+from calib.mocap.body_trajectory import longest_gap_ns
 from calib.mocap.messages.pose_messages import POSE_READERS
 from calib.mocap.pose_conventions import INFERRED, to_xyzw
 from calib.mocap.pose_faults import flag_poses
@@ -134,7 +135,7 @@ def audit_body(
         "faults": dict(zip(kinds.tolist(), counts.tolist(), strict=True)),
         "rate_hz": median_rate_hz(t),
         "longest_gap_s": float(gaps.max(initial=0) / NS_PER_S),
-        "gaps": int((gaps > mocap_config["max_gap_s"] * NS_PER_S).sum()),
+        "gaps": int((gaps > longest_gap_ns(t, mocap_config["max_gap_s"])).sum()),
     }
 
 

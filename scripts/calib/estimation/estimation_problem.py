@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,15 +17,28 @@ if TYPE_CHECKING:  # corrections are defined in terms of a Setup
 SensorModel = CameraModel | LidarModel
 
 
+class SlowNoise(NamedTuple):
+    """Slow noise of motion capture in a placement: of the robot's pose, then of the body's.
+
+    sigma: (2, 6) that it leaves in the mean poses; time_s: (2, 6) time constants; duration_s: of
+    the placement.
+    """
+
+    sigma: np.ndarray
+    time_s: np.ndarray
+    duration_s: float
+
+
 @dataclass(frozen=True)
 class Placement:
     """A target at rest relative to the robot, or one view of a target in motion.
 
     T_robot_body: (4, 4) mean of the measured poses, or at the time of the view; mocap_sigma: (6,)
-    σ of the errors of the robot's and of the body's pose, of a moving view of the part that all
-    moving views share; robot_rest: number of the robot's rest in the session. Targets that rest at
-    the same time share it, and the error of the robot's pose. None: shared with no other.
-    moving_view: None for a target at rest.
+    σ of the error of the body's pose, of a moving view of the part that all moving views share;
+    robot_mocap_sigma: the same of the robot's pose, None if equal; robot_rest: number of the
+    robot's rest in the session. Targets that rest at the same time share it, and the error of the
+    robot's pose. None: shared with no other. moving_view: None for a target at rest. slow_noise:
+    None where motion capture has none.
     """
 
     session: str
@@ -36,6 +49,8 @@ class Placement:
     robot_rest: int | None = None
     moving_view: MovingView | None = None
     start_ns: int = 0
+    robot_mocap_sigma: np.ndarray | None = None
+    slow_noise: SlowNoise | None = None
 
 
 @dataclass(frozen=True)
@@ -112,9 +127,16 @@ class Setup:
     def mocap_sigma(self) -> np.ndarray:
         """σ (r, 6) of the errors of the motion capture poses."""
         sigma = np.reshape([p.mocap_sigma for p in self.placements], (-1, 6))
+        robot_sigma = np.reshape(
+            [
+                p.mocap_sigma if p.robot_mocap_sigma is None else p.robot_mocap_sigma
+                for p in self.placements
+            ],
+            (-1, 6),
+        )
         last = max(self.body_error_index.max(initial=-1), self.robot_error_index.max(initial=-1))
         out = np.zeros((last + 1, 6))
-        np.maximum.at(out, self.robot_error_index, sigma)
+        np.maximum.at(out, self.robot_error_index, robot_sigma)
         np.maximum.at(out, self.body_error_index, sigma)
         return out
 

@@ -4,9 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from calib.estimation.estimation_problem import MeasurementGroup, Placement
+from calib.estimation.estimation_problem import MeasurementGroup, Placement, SlowNoise
 from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
 from calib.geometry.se3 import pose_from_xyz_quat
+from calib.geometry.units import NS_PER_S
 from calib.io.parquet_tables import select_rows
 from calib.io.pose_block import pose_from_config, pose_sigma_from_config
 from calib.targets.target_shapes import is_compared_by_points
@@ -33,7 +34,9 @@ def make_still_placements(
     """
     configured = {n: pose_from_config(block["T_body_target"]) for n, block in targets.items()}
     T_body_target, rests = configured | (mounts or {}), assign_robot_rests(columns)
-    sigma = _mean_pose_sigma(columns, mocap_noise, clock_error_s)
+    robot_sigma, body_sigma = (
+        _mean_pose_sigma(columns, name, mocap_noise, clock_error_s) for name in ("robot", "body")
+    )
     out = {}
     for i in np.flatnonzero(columns["kind"] == "still"):
         name = str(columns["target"][i])
@@ -45,23 +48,37 @@ def make_still_placements(
             target=name,
             T_robot_body=pose_from_xyz_quat(columns["xyz"][i], columns["quat"][i]),
             T_body_target=T_body_target[name],
-            mocap_sigma=sigma[i] * (FIXED_POSE_SIGMA_FACTOR if is_held else 1.0),
+            mocap_sigma=body_sigma[i] * (FIXED_POSE_SIGMA_FACTOR if is_held else 1.0),
+            robot_mocap_sigma=robot_sigma[i] * (FIXED_POSE_SIGMA_FACTOR if is_held else 1.0),
             robot_rest=None if is_held else int(rests[i]),
             start_ns=int(columns["start_ns"][i]),
+            slow_noise=_slow_noise(columns, int(i)),
         )
     return out
 
 
 def _mean_pose_sigma(
-    columns: dict[str, np.ndarray], mocap_noise: dict[str, Any], clock_error_s: float
+    columns: dict[str, np.ndarray], name: str, mocap_noise: dict[str, Any], clock_error_s: float
 ) -> np.ndarray:
-    """Return the σ (n, 6) of the mean poses: noise that averages within the placement, a bias that
-    does not, and the drift of the target during an unknown time offset."""
+    """Return the σ (n, 6) of the mean poses of the robot or body: noise that averages within the
+    placement, a bias that does not, at least the slow noise that was measured, and the drift of the
+    target during an unknown time offset."""
     white, bias = (
         pose_sigma_from_config(mocap_noise[k]) for k in ("pose_sigma", "pose_bias_sigma")
     )
     factor, drift = np.asarray(columns["mean_pose_sigma_factor"]), columns["residual_drift"]
+    bias = np.maximum(bias, columns[f"{name}_slow_sigma"])
     return np.hypot(white * factor[:, None], np.hypot(bias, clock_error_s * drift))
+
+
+def _slow_noise(columns: dict[str, np.ndarray], row: int) -> SlowNoise | None:
+    """Return the slow noise of motion capture in a placement, or None."""
+    sigma, time_s = (
+        np.stack([columns[f"{name}_slow_{quantity}"][row] for name in ("robot", "body")])
+        for quantity in ("sigma", "time_s")
+    )
+    duration_s = float(columns["end_ns"][row] - columns["start_ns"][row]) / NS_PER_S
+    return SlowNoise(sigma, time_s, duration_s) if sigma.any() else None
 
 
 def assign_robot_rests(columns: dict[str, np.ndarray]) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Placements and groups of keypoints of targets in motion, and the time offsets they determine."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -44,13 +44,15 @@ class TargetPath:
     """Where one target of a session moves.
 
     T_body_target: (4, 4); trajectory: of T_robot_body; separate_trajectories: of robot and body in
-    the map, where they come by streams of their own, whose clocks may differ.
+    the map, where they come by streams of their own, whose clocks may differ; slow_sigma: (2, 6) of
+    the slow noise of the robot's and the body's poses.
     """
 
     target: str
     T_body_target: np.ndarray
     trajectory: Trajectory
     separate_trajectories: SeparateTrajectories | None = None
+    slow_sigma: np.ndarray = field(default_factory=lambda: np.zeros((2, 6)))
 
 
 def make_moving_placement(
@@ -69,11 +71,12 @@ def make_moving_placement(
     )
     # The bias of the motion capture is neither constant nor new in every view. It counts twice:
     # once for all views, so that many determine a pose no better than one placement, and per view.
+    robot_bias, body_bias = np.maximum(bias, path.slow_sigma)
     view = MovingView(
         sensor=sensor,
         stamp_ns=time_ns,
         trajectory=path.trajectory,
-        sigma=np.hypot(motion.sigma_factor * white, bias),
+        sigma=np.hypot(motion.sigma_factor * white, np.maximum(robot_bias, body_bias)),
         separate_trajectories=path.separate_trajectories,
     )
     return Placement(
@@ -81,7 +84,8 @@ def make_moving_placement(
         target=path.target,
         T_robot_body=motion.T_robot_body,
         T_body_target=path.T_body_target,
-        mocap_sigma=bias,
+        mocap_sigma=body_bias,
+        robot_mocap_sigma=robot_bias,
         moving_view=view,
     )
 
@@ -187,4 +191,19 @@ def _target_paths(
     robot, max_gap_s = options["body"], options["max_gap_s"]
     trajectories = target_trajectories(moving.mocap_columns, robot, bodies, max_gap_s)
     streams = find_separate_streams(moving.mocap_columns, robot, bodies, moving.topics, max_gap_s)
-    return {n: TargetPath(n, mounts[n], trajectories[n], streams.get(n)) for n in bodies}
+    return {
+        n: TargetPath(
+            n, mounts[n], trajectories[n], streams.get(n), _slow_sigma(setup, moving.session, n)
+        )
+        for n in bodies
+    }
+
+
+def _slow_sigma(setup: Setup, session: str, target: str) -> np.ndarray:
+    """Return the largest σ (2, 6) of slow noise in the placements of a target."""
+    noises = [
+        p.slow_noise.sigma
+        for p in setup.placements
+        if (p.session, p.target) == (session, target) and p.slow_noise is not None
+    ]
+    return np.max(noises, axis=0) if noises else np.zeros((2, 6))

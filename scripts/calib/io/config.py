@@ -200,7 +200,10 @@ def _load_and_validate(kind: str, path: str) -> Config:
 
 def _load_rig(path: str) -> Config:
     """Load a rig and check that its files exist and its exports name its own sensors."""
-    rig = _load_and_validate("rig", path)
+    stated = load_yaml(path)
+    states_bias = "pose_bias_sigma" in ((stated or {}).get("mocap") or {})
+    rig = validate_and_complete("rig", stated, path)
+    rig["mocap"].setdefault("use_measured_noise", not states_bias)
     export, sensors = rig["export"], rig["sensors"]
     for key, file in (("guess_from", rig.get("guess_from")), ("export.urdf", export.get("urdf"))):
         if file and not Path(file).is_file():

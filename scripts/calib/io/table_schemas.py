@@ -45,7 +45,7 @@ FRAMES_SCHEMA = _make_schema(
 
 PLACEMENTS_SCHEMA = _make_schema(
     "placements",
-    2,
+    3,
     _make_column("placement", pa.int32(), meaning="number in the session"),
     _make_column("target", TEXT_TYPE),
     _make_column("kind", TEXT_TYPE, meaning="still or moving"),
@@ -68,6 +68,14 @@ PLACEMENTS_SCHEMA = _make_schema(
         _vector_type(6),
         unit="m/s, rad/s",
         meaning="residual motion, axes of the body",
+    ),
+    *(
+        _make_column(f"{name}_slow_{quantity}", _vector_type(6), unit=unit, meaning=meaning)
+        for name in ("robot", "body")
+        for quantity, unit, meaning in (
+            ("sigma", "m, rad", "σ that slow noise leaves in the mean pose, 0 where not used"),
+            ("time_s", "s", "time constant of the slow noise"),
+        )
     ),
 )
 

@@ -9,6 +9,8 @@ from calib.geometry.se3 import interpolate_poses, invert_pose, pose_from_xyz_qua
 from calib.geometry.units import NS_PER_S
 from calib.io.parquet_tables import Columns
 
+MAX_GAP_PERIODS = 1.5  # of a stream; a longer step lost a pose
+
 
 @dataclass(frozen=True)
 class Trajectory:
@@ -102,14 +104,23 @@ def trajectory_from_columns(columns: Columns, body: str, max_gap_s: float) -> Tr
     T = pose_from_xyz_quat(
         columns["xyz"][rows].reshape(-1, 3), columns["quat"][rows].reshape(-1, 4)
     )
-    return Trajectory(t, T, round(max_gap_s * NS_PER_S))
+    return Trajectory(t, T, longest_gap_ns(t, max_gap_s))
+
+
+def longest_gap_ns(stamps_ns: np.ndarray, max_gap_s: float) -> int:
+    """Return the longest gap, ns, to interpolate over: max_gap_s, longer for a slow stream.
+
+    stamps_ns: (n,) of its poses.
+    """
+    period_ns = float(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0.0
+    return max(round(max_gap_s * NS_PER_S), round(MAX_GAP_PERIODS * period_ns))
 
 
 def relative_trajectory(robot: Trajectory, target: Trajectory) -> Trajectory:
     """Return T_robot_target at the stamps of the target at which the robot is known."""
     T_map_robot, known = robot.poses_at(target.stamps_ns)
     T = invert_pose(T_map_robot[known]) @ target.poses[known]
-    return Trajectory(target.stamps_ns[known], T, target.max_gap_ns)
+    return Trajectory(target.stamps_ns[known], T, max(robot.max_gap_ns, target.max_gap_ns))
 
 
 def window_bounds(t: np.ndarray, half_width_ns: int) -> tuple[np.ndarray, np.ndarray]:

@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 
 from calib.geometry.se3 import adjoint, invert_pose, mean_pose, pose_to_quat
+from calib.geometry.units import NS_PER_S
 from calib.io.status import OK, Status
 from calib.mocap.body_trajectory import Trajectory
+from calib.mocap.rest_noise import RestNoise, slow_noise_columns
 from calib.mocap.stillness import (
     StillnessLimits,
     count_effective_samples,
@@ -71,15 +73,25 @@ def find_moving_intervals(still_intervals: np.ndarray, stamps_ns: np.ndarray) ->
 
 
 def find_target_placements(
-    target: str, trajectory: Trajectory, options: dict[str, Any], pose_sigma: np.ndarray
+    target: str,
+    trajectory: Trajectory,
+    limits: StillnessLimits,
+    pose_sigma: np.ndarray,
+    slow_noise: dict[str, RestNoise | None],
 ) -> list[dict[str, Any]]:
-    """Return the rows of placements.parquet of one target, by time; options: block `gate`."""
-    still = find_still_intervals(trajectory, StillnessLimits.from_config(options))
+    """Return the rows of placements.parquet of one target, by time.
+
+    slow_noise: of the poses of `robot` and `body`, None where it is not used.
+    """
+    still = find_still_intervals(trajectory, limits)
     moving = find_moving_intervals(still, trajectory.stamps_ns)
     placements = [("still", s, average_still_pose(trajectory, s, pose_sigma)) for s in still]
     placements += [("moving", s, middle_moving_pose(trajectory, s)) for s in moving]
     rows = [
-        {"target": target, "kind": kind, "start_ns": interval[0], "end_ns": interval[1]} | pose
+        {"target": target, "kind": kind, "start_ns": interval[0], "end_ns": interval[1]}
+        | pose
+        | slow_noise_columns(slow_noise["robot"], "robot", (interval[1] - interval[0]) / NS_PER_S)
+        | slow_noise_columns(slow_noise["body"], "body", (interval[1] - interval[0]) / NS_PER_S)
         for kind, interval, pose in placements
     ]
     return sorted(rows, key=lambda r: r["start_ns"])

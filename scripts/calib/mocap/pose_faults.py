@@ -5,7 +5,7 @@ from typing import TypeAlias
 import numpy as np
 
 from calib.geometry.units import NS_PER_S
-from calib.mocap.mask_runs import find_runs
+from calib.geometry.mask_runs import find_runs
 
 Rows: TypeAlias = int | slice | np.ndarray
 

@@ -8,7 +8,7 @@ import numpy as np
 from calib.geometry.se3 import so3_log
 from calib.geometry.units import NS_PER_S
 from calib.mocap.body_trajectory import Trajectory, window_bounds
-from calib.mocap.mask_runs import find_runs
+from calib.geometry.mask_runs import find_runs
 
 
 @dataclass(frozen=True)
@@ -20,23 +20,29 @@ class StillnessLimits:
     max_angular_radps: float
     trim_s: float
     min_duration_s: float
+    max_rest_gap_s: float
 
     @classmethod
     def from_config(cls, options: dict[str, Any]) -> "StillnessLimits":
-        """Make them from block `gate`."""
+        """Return the limits of block `gate`."""
         return cls(
             window_s=options["window_s"],
             max_linear_mps=options["max_linear_mps"],
             max_angular_radps=np.radians(options["max_angular_dps"]),
             trim_s=options["trim_s"],
             min_duration_s=options["min_duration_s"],
+            max_rest_gap_s=options["max_rest_gap_s"],
         )
 
 
 def _fit_window_slopes(
-    t: np.ndarray, y: np.ndarray, first: np.ndarray, last: np.ndarray
+    t: np.ndarray, y: np.ndarray, first: np.ndarray, last: np.ndarray, window_s: float
 ) -> np.ndarray:
-    """Return least-squares slopes (n, k) of y (n, k) over t (n,), s, in windows [first, last)."""
+    """Return least-squares slopes (n, k) of y (n, k) over t (n,), s, in windows [first, last).
+
+    Samples that crowd together in a part of the window count as spread over half of it: their own
+    slope is noise.
+    """
 
     def total(values: np.ndarray) -> np.ndarray:
         cumulative = np.concatenate([np.zeros((1,) + values.shape[1:]), np.cumsum(values, 0)])
@@ -44,51 +50,115 @@ def _fit_window_slopes(
 
     n = (last - first)[:, None].astype(float)
     s, sy = total(t[:, None]), total(y)
-    spread = total(t[:, None] ** 2) - s * s / n
+    least_spread = n * (window_s / 2) ** 2 / 12
+    spread = np.maximum(total(t[:, None] ** 2) - s * s / n, np.where(n > 1, least_spread, 0.0))
     return (total(t[:, None] * y) - s * sy / n) / np.where(spread > 0, spread, np.inf)
 
 
-def trajectory_speeds(trajectory: Trajectory, window_s: float) -> tuple[np.ndarray, np.ndarray]:
+def trajectory_speeds(
+    trajectory: Trajectory, window_s: float, bridged: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return linear (n,), m/s, and angular (n,), rad/s, speed at every sample.
 
     Speeds are slopes over a window: a slope over all samples averages the noise of motion capture,
     which the difference of two poses does not. Rotations are summed from sample to sample, so no
     angle is singular. The slope of an oscillation vanishes if it fits the window, so half and
     quarter windows count as well, with weights 1/4 and 1/16: noise grows with window^-1.5, so
-    theirs stays below that of the whole window. Infinite where the window has a gap.
+    theirs stays below that of the whole window. Infinite where the window has a gap that is not
+    bridged (n - 1,). The window of a slow stream is longer: at least three samples.
     """
     t = trajectory.stamps_ns
     if len(t) < 3:
         return np.full(len(t), np.inf), np.full(len(t), np.inf)
-    half_ns = round(window_s * NS_PER_S / 2)
-    seconds = (t - t[0]) / NS_PER_S
-    turns = so3_log(np.swapaxes(trajectory.poses[:-1, :3, :3], 1, 2) @ trajectory.poses[1:, :3, :3])
-    rotations = np.concatenate([np.zeros((1, 3)), np.cumsum(turns, 0)])
-    motions = np.stack([trajectory.poses[:, :3, 3], rotations])
+    half_ns = _half_window_ns(t, window_s)
+    seconds, motions = (t - t[0]) / NS_PER_S, _cumulative_motions(trajectory)
     fastest = np.zeros((2, len(t)))
     for share in (1, 2, 4):
         first, last = window_bounds(t, half_ns // share)
         slope = np.stack(
-            [np.linalg.norm(_fit_window_slopes(seconds, y, first, last), axis=1) for y in motions]
+            [
+                np.linalg.norm(
+                    _fit_window_slopes(seconds, y, first, last, 2 * half_ns / share / NS_PER_S),
+                    axis=1,
+                )
+                for y in motions
+            ]
         )
         fastest = np.maximum(fastest, np.where(last - first >= 3, slope / share**2, 0.0))
     first, last = window_bounds(t, half_ns)
-    is_covered = _is_window_covered(t, half_ns, trajectory.max_gap_ns) & (last - first >= 3)
-    fastest[:, ~is_covered] = np.inf
+    is_gap = np.diff(t) > trajectory.max_gap_ns
+    if bridged is None:
+        enough, breaks = last - first >= 3, is_gap
+    else:
+        # Few poses between bridged gaps: they are where the rest is.
+        enough = (last - first >= 3) | np.append(bridged, False) | np.append(False, bridged)
+        breaks = is_gap & ~bridged
+    fastest[:, ~(_is_window_covered(t, half_ns, breaks) & enough)] = np.inf
     return fastest[0], fastest[1]
 
 
-def _is_window_covered(t: np.ndarray, half_width_ns: int, max_gap_ns: int) -> np.ndarray:
-    """Return whether the samples cover the window around each sample without a gap, (n,) bool."""
-    gaps = np.flatnonzero(np.diff(t) > max_gap_ns)
+def _half_window_ns(t: np.ndarray, window_s: float) -> int:
+    """Return half of the window, ns: at least 1.5 periods of the stamps t (n,)."""
+    return max(round(window_s * NS_PER_S / 2), round(1.5 * float(np.median(np.diff(t)))))
+
+
+def _cumulative_motions(trajectory: Trajectory) -> np.ndarray:
+    """Return positions and rotations (2, n, 3); rotations are summed from sample to sample."""
+    turns = so3_log(np.swapaxes(trajectory.poses[:-1, :3, :3], 1, 2) @ trajectory.poses[1:, :3, :3])
+    rotations = np.concatenate([np.zeros((1, 3)), np.cumsum(turns, 0)])
+    return np.stack([trajectory.poses[:, :3, 3], rotations])
+
+
+def find_bridged_gaps(trajectory: Trajectory, limits: StillnessLimits) -> np.ndarray:
+    """Return which steps (n - 1,) are gaps with the same pose on both sides.
+
+    The mean poses of half a window before and after differ by no more than a motion at the limits
+    of speed within the window.
+    """
+    t = trajectory.stamps_ns
+    out = np.zeros(max(len(t) - 1, 0), bool)
+    if len(t) < 3:
+        return out
+    steps = np.diff(t)
+    is_gap = (steps > trajectory.max_gap_ns) & (steps <= limits.max_rest_gap_s * NS_PER_S)
+    motions, half_ns = _cumulative_motions(trajectory), _half_window_ns(t, limits.window_s)
+    for gap in np.flatnonzero(is_gap).tolist():
+        first = int(np.searchsorted(t, t[gap] - half_ns))
+        last = int(np.searchsorted(t, t[gap + 1] + half_ns, "right"))
+        before, after = motions[:, first : gap + 1], motions[:, gap + 1 : last]
+        distance, angle = np.linalg.norm(after.mean(1) - before.mean(1), axis=1)
+        out[gap] = (
+            distance < limits.max_linear_mps * limits.window_s
+            and angle < limits.max_angular_radps * limits.window_s
+        )
+    return out
+
+
+def _is_window_covered(t: np.ndarray, half_width_ns: int, breaks: np.ndarray) -> np.ndarray:
+    """Return whether the samples cover the window around each sample without a break, (n,) bool.
+
+    breaks: (n - 1,) steps that are gaps.
+    """
+    gaps = np.flatnonzero(breaks)
     starts, ends = t[np.append(0, gaps + 1)], t[np.append(gaps, len(t) - 1)]
     part = np.searchsorted(starts, t, "right") - 1
     return (t - half_width_ns >= starts[part]) & (t + half_width_ns <= ends[part])
 
 
+def rest_speeds(
+    trajectory: Trajectory, limits: StillnessLimits
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the speeds of trajectory_speeds, with gaps bridged that a rest may span."""
+    bridged = find_bridged_gaps(trajectory, limits)
+    return trajectory_speeds(trajectory, limits.window_s, bridged)
+
+
 def find_still_intervals(trajectory: Trajectory, limits: StillnessLimits) -> np.ndarray:
-    """Return starts and ends (k, 2), ns, of the maximal still intervals, trimmed at both ends."""
-    linear, angular = trajectory_speeds(trajectory, limits.window_s)
+    """Return starts and ends (k, 2), ns, of the maximal still intervals, trimmed at both ends.
+
+    They span short gaps with the same pose on both sides.
+    """
+    linear, angular = rest_speeds(trajectory, limits)
     is_still = (linear < limits.max_linear_mps) & (angular < limits.max_angular_radps)
     trim_ns = round(limits.trim_s * NS_PER_S)
     intervals = trajectory.stamps_ns[find_runs(is_still)] + [trim_ns, -trim_ns]

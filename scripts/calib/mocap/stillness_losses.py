@@ -7,8 +7,8 @@ import numpy as np
 from calib.geometry.units import DEG_PER_RAD, NS_PER_S
 from calib.io.status import Status, failure_status
 from calib.mocap.body_trajectory import Trajectory
-from calib.mocap.mask_runs import find_runs
-from calib.mocap.stillness import StillnessLimits, trajectory_speeds
+from calib.geometry.mask_runs import find_runs
+from calib.mocap.stillness import StillnessLimits, find_bridged_gaps, rest_speeds
 
 RATE_STEP_RATIO = 1.5  # a step up to this many times the median one is the rate, not a gap
 SPEED_HEADROOM = 1.2  # of advised speed limits over the slowest speeds
@@ -53,9 +53,10 @@ def measure_time_losses(
     t = trajectory.stamps_ns
     if len(t) < 2:
         return TimeLosses(total, total, 0.0, 0.0, 0.0)
-    step, is_gap = np.diff(t), np.diff(t) > trajectory.max_gap_ns
+    step, bridged = np.diff(t), find_bridged_gaps(trajectory, limits)
+    is_gap = (step > trajectory.max_gap_ns) & ~bridged
     is_rate = is_gap & (step <= RATE_STEP_RATIO * np.median(step))
-    linear, angular = trajectory_speeds(trajectory, limits.window_s)
+    linear, angular = rest_speeds(trajectory, limits)
     is_known = np.isfinite(linear[:-1]) & ~is_gap
     is_fast = (linear[:-1] >= limits.max_linear_mps) | (angular[:-1] >= limits.max_angular_radps)
     rate, motion, short = (
@@ -67,7 +68,7 @@ def measure_time_losses(
 
 def find_slowest_part(trajectory: Trajectory, limits: StillnessLimits) -> SlowestPart | None:
     """Return the speeds of the slowest part of the length of a placement; None if there is none."""
-    linear, angular = trajectory_speeds(trajectory, limits.window_s)
+    linear, angular = rest_speeds(trajectory, limits)
     ratio = np.maximum(linear / limits.max_linear_mps, angular / limits.max_angular_radps)
     length_ns = placement_length_s(limits) * NS_PER_S
 

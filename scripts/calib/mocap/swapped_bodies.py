@@ -3,7 +3,7 @@
 import numpy as np
 
 from calib.io.parquet_tables import Columns
-from calib.mocap.mask_runs import find_runs
+from calib.geometry.mask_runs import find_runs
 from calib.mocap.pose_faults import exceeds_speed
 
 SWAP_FAULT = "names swapped"

@@ -39,6 +39,7 @@ def preflight_rig_findings(
     """
     found = [
         *preflight_status_findings(visibility, len(sessions)),
+        *clock_step_findings(sessions),
         *preflight_target_findings(sessions, options),
     ]
     for name, by_session in visibility.items():
@@ -62,6 +63,17 @@ def preflight_status_findings(visibility: Visibility, n_sessions: int) -> list[F
                 places.setdefault((level, seen.status), []).append((name, session))
     return [
         _status_finding(level, status, at, n_sessions > 1) for (level, status), at in places.items()
+    ]
+
+
+def clock_step_findings(sessions: Sessions) -> list[Finding]:
+    """Return one finding for each step of a clock within a recording."""
+    return [
+        make_finding(
+            "clock_step", [], "warn", text=f"{name}: {step['text']}", remedy=step["remedy"]
+        )
+        for name, session in sessions.items()
+        for step in session.audit.get("clock_steps", [])
     ]
 
 

@@ -47,6 +47,11 @@ class PreflightSession:
     has_remounted_markers: bool
     streams: tuple[str, ...]
 
+    @property
+    def mocap_notes(self) -> tuple[str, ...]:
+        """Return the notes on the noise of motion capture at rest."""
+        return self.placements.mocap_notes
+
 
 @dataclass(frozen=True)
 class TargetVisibility:

@@ -22,18 +22,22 @@ Columns = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class PlacementTable:
-    """placements.parquet of one session: its columns, its status and the status of each target."""
+    """placements.parquet of one session: its columns, its status and the status of each target.
+
+    mocap_notes: on the noise of motion capture at rest.
+    """
 
     columns: Columns
     status: Status
     target_status: dict[str, Status]
+    mocap_notes: tuple[str, ...] = ()
 
     @classmethod
     def read(cls, path: Path) -> "PlacementTable":
         """Read the table that the stage gate writes."""
         columns, status, notes = read_table(path, PLACEMENTS_SCHEMA)
-        statuses = {name: Status.from_dict(note) for name, note in sorted(notes.items())}
-        return cls(columns, status, statuses)
+        statuses = {name: Status.from_dict(note) for name, note in sorted(notes["targets"].items())}
+        return cls(columns, status, statuses, tuple(notes["mocap_notes"]))
 
     def still_target_status(self) -> Status:
         """Return ok if any target stands still in this session, else why the first one does not."""

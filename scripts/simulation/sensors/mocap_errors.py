@@ -6,9 +6,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from calib.geometry.se3 import invert_pose, se3_exp
+from calib.geometry.units import NS_PER_S
 from simulation.world.smooth_motion import interpolate_placement_values
 
-MCS_PERIOD_NS = 10_000_000
+MCS_PERIOD_NS = 10_000_000  # at the default rate
 MEAN_DROPOUT_SAMPLES = 8  # samples lost in a row, on average
 LABEL_SWAP_DURATION_NS = (100_000_000, 300_000_000)  # shortest and longest
 
@@ -26,6 +27,9 @@ class PoseNoise(Protocol):
 
     mcs_noise_m: float
     mcs_noise_deg: float
+    mcs_wander_m: float
+    mcs_wander_deg: list[float]
+    mcs_wander_s: float
 
 
 class MocapTruth(Protocol):
@@ -54,7 +58,7 @@ def measure_body_poses(
 ) -> np.ndarray:
     """Return the poses (n, 4, 4) that the MCS reports at t (n,), ns.
 
-    Bias and white noise act along the axes of the body.
+    Bias, wander and white noise act along the axes of the body.
     """
     if object_name in session.T_body_target:
         T_object_body = invert_pose(session.T_body_target[object_name])
@@ -66,18 +70,41 @@ def measure_body_poses(
     )
     noise = session.arguments
     sigma = np.repeat([noise.mcs_noise_m, np.deg2rad(noise.mcs_noise_deg)], 3)
-    return T @ se3_exp(bias) @ se3_exp(sigma * rng.standard_normal((len(t), 6)))
+    T = T @ se3_exp(bias) @ se3_exp(sigma * rng.standard_normal((len(t), 6)))
+    wander_sigma = np.append(np.full(3, noise.mcs_wander_m), np.deg2rad(noise.mcs_wander_deg))
+    if not wander_sigma.any():
+        return T
+    return T @ se3_exp(wander_sigma * draw_gauss_markov(rng, t, noise.mcs_wander_s))
 
 
-def draw_dropouts(rng: np.random.Generator, n_samples: int, dropout_share: float) -> np.ndarray:
-    """Draw which samples (n,) are lost: a share of them in the long run, in bursts."""
+def draw_gauss_markov(
+    rng: np.random.Generator, t: np.ndarray, time_constant_s: float
+) -> np.ndarray:
+    """Draw six first-order Gauss-Markov processes of σ 1 at times t (n,), ns; returns (n, 6)."""
+    kept = np.exp(-np.diff(t) / NS_PER_S / time_constant_s)
+    out = rng.standard_normal((len(t), 6))
+    for i, share in enumerate(kept.tolist(), 1):
+        out[i] = share * out[i - 1] + (1 - share**2) ** 0.5 * out[i]
+    return out
+
+
+def draw_dropouts(
+    rng: np.random.Generator,
+    n_samples: int,
+    dropout_share: float,
+    mean_samples: float = MEAN_DROPOUT_SAMPLES,
+) -> np.ndarray:
+    """Draw which samples (n,) are lost: a share of them in the long run, in bursts.
+
+    mean_samples: lost in a row, on average.
+    """
     if not dropout_share:
         return np.zeros(n_samples, bool)
-    start_probability = dropout_share / (1 - dropout_share) / MEAN_DROPOUT_SAMPLES
+    start_probability = dropout_share / (1 - dropout_share) / mean_samples
     is_lost, u = np.zeros(n_samples, bool), rng.uniform(size=n_samples)
     state = u[0] < dropout_share
     for i in range(n_samples):
-        state = u[i] >= 1 / MEAN_DROPOUT_SAMPLES if state else u[i] < start_probability
+        state = u[i] >= 1 / mean_samples if state else u[i] < start_probability
         is_lost[i] = state
     return is_lost
 

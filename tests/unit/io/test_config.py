@@ -623,3 +623,21 @@ def test_a_template_finer_than_memory_holds_is_refused_with_what_would_do(folder
     block = copy.deepcopy(CYLINDER) | {"method": "points", "points": {"spacing_m": 1e-12}}
     with pytest.raises(InputError, match="too fine for a target of 0.8 m; expected 0.0004 m"):
         target_from_config(validate_and_complete("target", block, "cylinder.yaml"))
+
+
+@pytest.mark.parametrize(
+    "bias, asked, expected",
+    [
+        (None, None, True),
+        ({"xyz_m": 0.0001, "rpy_deg": 0.01}, None, False),  # the defaults, but stated
+        ({"xyz_m": 0.0001, "rpy_deg": 0.01}, True, True),
+        (None, False, False),
+    ],
+)
+def test_measured_noise_is_used_where_no_bias_is_stated(folder, bias, asked, expected):
+    rig = edited("rig", "mocap.pose_bias_sigma", bias) if bias else copy.deepcopy(RIG)
+    if asked is not None:
+        rig["mocap"]["use_measured_noise"] = asked
+    write(folder / "rigs/husky.yaml", rig)
+    rigs = load_config(copy.deepcopy(CONFIG), folder)[1]
+    assert rigs["husky"]["mocap"]["use_measured_noise"] is expected

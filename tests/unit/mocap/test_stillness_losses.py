@@ -1,5 +1,7 @@
 """A body that is never still: how much time is lost to what, how fast it was, and what to do."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,7 @@ LIMITS = StillnessLimits(
     max_angular_radps=np.radians(0.75),
     trim_s=0.1,
     min_duration_s=0.3,
+    max_rest_gap_s=0.0,  # no rest spans a gap: each loss alone
 )
 
 
@@ -59,7 +62,7 @@ def test_a_turn_a_little_above_the_limit_may_be_noise_and_the_limit_that_helps_i
     status = status_of(turning)
     assert "at up to 0 m/s and 1.5 deg/s" in status.found
     assert "gate.max_angular_dps: 1.8" in status.remedy
-    limits = StillnessLimits(0.3, 0.01, np.radians(1.8), 0.1, 0.3)
+    limits = StillnessLimits(0.3, 0.01, np.radians(1.8), 0.1, 0.3, 0.0)
     assert len(find_still_intervals(turning, limits)) == 1
 
 
@@ -75,6 +78,15 @@ def test_gaps_are_told_apart_from_motion():
     status = status_of(resting)
     assert "to gaps above 0.05 s" in status.found and "speeds" not in status.found
     assert "Keep the markers" in status.remedy
+
+
+def test_gaps_that_a_rest_spans_are_no_loss():
+    """At rest for 20 s, lost for 0.2 s of every 0.6 s: gate.max_rest_gap_s 0.5 s."""
+    t = np.arange(0, 20.001, 0.01)
+    resting = trajectory_along_x(t[t % 0.6 < 0.4], 0 * t[t % 0.6 < 0.4])
+    limits = replace(LIMITS, max_rest_gap_s=0.5)
+    assert len(find_still_intervals(resting, limits)) == 1
+    assert measure_time_losses(resting, resting.stamps_ns, limits).gaps < 0.5
 
 
 def test_a_robot_that_is_lost_all_the_time_is_a_gap():
@@ -99,7 +111,7 @@ def test_rests_that_are_too_short_are_told_with_how_long_to_hold():
     t = np.arange(0, 12.001, 0.01)
     swings = np.where(t % 2.0 < 1.3, 0.0, 0.2)  # 1 s at rest is less than half the windows take
     brief = trajectory_along_x(t, np.cumsum(swings * (t % 1.0 > 0.5)) * 0.01)
-    limits = StillnessLimits(0.3, 0.01, np.radians(0.75), 0.1, 2.0)
+    limits = StillnessLimits(0.3, 0.01, np.radians(0.75), 0.1, 2.0, 0.0)
     losses = measure_time_losses(brief, brief.stamps_ns, limits)
     status = never_still_status(
         "robot", "board", trajectory=brief, stamps_ns=brief.stamps_ns, limits=limits

@@ -16,7 +16,12 @@ from calib.geometry.se3 import (
     so3_exp,
 )
 from calib.geometry.units import NS_PER_S
-from calib.mocap.body_trajectory import Trajectory, relative_trajectory, trajectory_from_columns
+from calib.mocap.body_trajectory import (
+    Trajectory,
+    longest_gap_ns,
+    relative_trajectory,
+    trajectory_from_columns,
+)
 from calib.mocap.pose_faults import flag_poses
 from calib.mocap.stillness import (
     StillnessLimits,
@@ -48,7 +53,7 @@ def noisy(trajectory, seed=0, sigma=NOISE):
     return Trajectory(trajectory.stamps_ns, trajectory.poses @ se3_exp(xi), trajectory.max_gap_ns)
 
 
-def still(trajectory, trim_s=0.1, min_duration_s=0.3):
+def still(trajectory, trim_s=0.1, min_duration_s=0.3, max_rest_gap_s=0.5):
     """Still intervals, s, with the limits of the default config."""
     limits = StillnessLimits(
         window_s=WINDOW_S,
@@ -56,6 +61,7 @@ def still(trajectory, trim_s=0.1, min_duration_s=0.3):
         max_angular_radps=MAX_ANGULAR,
         trim_s=trim_s,
         min_duration_s=min_duration_s,
+        max_rest_gap_s=max_rest_gap_s,
     )
     spans = find_still_intervals(trajectory, limits)
     return spans / NS_PER_S
@@ -341,8 +347,46 @@ def test_a_move_in_a_gap_of_the_motion_capture_parts_two_placements():
     assert spans == pytest.approx(np.array([[0.25, 2.75], [4.25, 6.75]]), abs=0.011)
 
 
-def test_a_gap_parts_stillness_even_if_nothing_moved():
-    assert len(still(stops(3.0, gap_s=0.2, step=0.0))) == 2
+def test_a_rest_spans_a_short_gap_with_the_same_pose_on_both_sides():
+    assert len(still(stops(3.0, gap_s=0.2, step=0.0))) == 1
+    assert len(still(stops(3.0, gap_s=0.7, step=0.0))) == 2
+    assert len(still(stops(3.0, gap_s=0.2, step=0.0), max_rest_gap_s=0.1)) == 2
+
+
+def test_a_rest_does_not_span_a_gap_in_which_a_body_moved_by_4_mm():
+    before = stops(3.0, gap_s=0.2, step=0.0)
+    moved = before.poses.copy()
+    moved[before.stamps_ns > 3.5 * NS_PER_S, 0, 3] += 0.004
+    assert len(still(Trajectory(before.stamps_ns, moved, GAP))) == 2
+
+
+def test_a_rest_is_found_through_588_gaps_of_up_to_0_1_s():
+    """30 s at rest, 29 % of the poses lost in short gaps, as in a real room."""
+    rng, t = np.random.default_rng(0), clock(30, 100)
+    starts = np.sort(rng.choice(len(t), 588, replace=False))
+    lost = np.zeros(len(t), bool)
+    for start, length in zip(starts, rng.geometric(0.6, 588), strict=True):
+        lost[start : start + min(length, 9)] = True
+    resting = noisy(Trajectory(t[~lost], np.tile(np.eye(4), ((~lost).sum(), 1, 1)), GAP))
+    assert len(still(resting)) == 1
+
+
+@pytest.mark.parametrize("rate_hz", [4, 5, 10, 15])
+def test_rests_are_found_by_motion_capture_slower_than_20_hz(rate_hz):
+    t = clock(9, rate_hz)
+    s = np.clip(t / NS_PER_S - 4, 0, 1)
+    T = make_pose(t=(0.5 * (3 * s**2 - 2 * s**3))[:, None] * [1, 0, 0])
+    slow = noisy(Trajectory(t, T, longest_gap_ns(t, 0.05)))
+    spans = still(slow)
+    assert spans.shape == (2, 2)
+    assert spans[0, 1] > 2.8 and spans[1, 0] < 6.2
+    assert spans[0, 1] < 4.0 and spans[1, 0] > 5.0
+
+
+def test_the_longest_gap_of_a_slow_stream_is_longer_than_configured():
+    assert longest_gap_ns(clock(5, 100), 0.05) == 0.05 * NS_PER_S
+    assert longest_gap_ns(clock(5, 10), 0.05) == pytest.approx(0.15 * NS_PER_S, rel=0.01)
+    assert longest_gap_ns(np.zeros(1, np.int64), 0.05) == 0.05 * NS_PER_S
 
 
 def test_the_trim_is_taken_off_both_ends():
@@ -456,6 +500,7 @@ def test_no_still_interval_of_tum_vi_room1_spans_a_gap():
         max_angular_radps=np.radians(5),
         trim_s=0.0,
         min_duration_s=0.0,
+        max_rest_gap_s=0.0,
     )
     spans = find_still_intervals(body, limits)
     gaps = body.stamps_ns[:-1][np.diff(body.stamps_ns) > body.max_gap_ns]

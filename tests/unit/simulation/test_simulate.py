@@ -421,6 +421,27 @@ def test_mcs_noise_is_white_and_its_bias_lasts_a_placement():
     assert bias[3:] == pytest.approx(np.deg2rad(0.05), rel=0.35)
 
 
+def test_mcs_wanders_as_a_gauss_markov_process_of_the_time_constant_asked_for():
+    """0.5 mm and 0.02, 0.07, 0.03° per axis over 1000 s; correlation e^-1 after 2 s."""
+    session = draw(
+        *("--placements", "2", "--targets", "board", "--mcs-wander-m", "0.0005"),
+        *("--mcs-wander-deg", "0.02", "0.07", "0.03", "--mcs-wander-s", "2"),
+    )
+    t = session.placement_times_ns[0, 0] - np.arange(50_000)[::-1] * 20_000_000
+    T = measure_body_poses(session, np.random.default_rng(0), "robot", t)
+    xi = se3_log(invert_pose(session.true_body_poses("robot", t)) @ T)
+    assert np.std(xi, 0)[:3] == pytest.approx(np.full(3, 0.0005), rel=0.15)
+    assert np.std(xi, 0)[3:] == pytest.approx(np.deg2rad([0.02, 0.07, 0.03]), rel=0.15)
+    after_2_s = [np.corrcoef(x[100:], x[:-100])[0, 1] for x in xi.T]
+    assert np.mean(after_2_s) == pytest.approx(np.exp(-1), abs=0.08)
+
+
+def test_the_rate_of_the_mcs_is_the_one_asked_for():
+    session = draw("--placements", "2", "--mcs-hz", "8")
+    stamps = [stamp(m[3].transforms[0]) for m in generate_tf_messages(session)]
+    assert np.unique(np.diff(stamps)).tolist() == [125_000_000]
+
+
 def test_late_mcs_stamps_and_a_displaced_target_have_the_size_asked_for():
     session = draw("--mount-m", "0.006", "--mount-deg", "1", "--mcs-late-s", "0.025")
     for T in session.T_body_target.values():

@@ -17,6 +17,7 @@ from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.nlp.information_matrix import invert_information
 from calib.estimation.nlp.measurement_factor import Factor, joint_information
+from calib.estimation.noise.correlated_rests import with_correlated_rests
 from calib.estimation.pose_chain import (
     deskew_group,
     model_with_corrections,
@@ -26,12 +27,15 @@ from calib.estimation.residuals.assignment import Assignment
 
 
 def with_consider_covariance(setup: Setup, result: EstimationResult) -> EstimationResult:
-    """Return the result with its information decreased by the errors that are not estimated."""
+    """Return the result with its information decreased by the errors that are not estimated, and by
+    slow noise of motion capture that lasts from rest to rest."""
     if result.solve_result is None:
         return result
+    result = with_correlated_rests(setup, result)
     H, (G, sigma) = result.solved.information, unestimated_couplings(setup, result)
+    solved = result.solved
     loss = G @ np.linalg.solve(np.diag(sigma**-2.0) + G.T @ invert_information(H) @ G, G.T)
-    return replace(result, solve_result=replace(result.solve_result, information=H - loss))
+    return replace(result, solve_result=replace(solved, information=H - loss))
 
 
 def unestimated_couplings(setup: Setup, result: EstimationResult) -> tuple[np.ndarray, np.ndarray]:

@@ -42,7 +42,8 @@ class ReportSession:
     """One recording.
 
     audit: log.json; frames: sensor, stamp and log time of each message; placements:
-    placements.parquet; streams: by name of the sensor.
+    placements.parquet; streams: by name of the sensor; mocap_notes: on the noise of motion capture
+    at rest.
     """
 
     audit: dict[str, Any]
@@ -51,6 +52,7 @@ class ReportSession:
     placements_status: Status
     status_by_target: dict[str, Status]
     streams: dict[str, ReportStream]
+    mocap_notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,8 @@ def read_report_sessions(
             frames=read_table(frames, FRAMES_SCHEMA, ("sensor", "stamp_ns", "log_time_ns"))[0],
             placements=placement_columns,
             placements_status=placements_status,
-            status_by_target={t: Status.from_dict(note) for t, note in notes.items()},
+            status_by_target={t: Status.from_dict(note) for t, note in notes["targets"].items()},
+            mocap_notes=tuple(notes["mocap_notes"]),
             streams=streams,
         )
     return sessions

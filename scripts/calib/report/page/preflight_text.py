@@ -1,6 +1,6 @@
 """The preflight of a rig as lines for the terminal: recordings, visibility, then the verdict."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 from calib.report.data.run_data import Columns
@@ -22,6 +22,10 @@ class AuditedSession(Protocol):
     @property
     def frames(self) -> Columns:
         """Columns of frames.parquet."""
+
+    @property
+    def mocap_notes(self) -> Sequence[str]:
+        """On the noise of motion capture at rest."""
 
 
 UNKNOWN_POSE_NOTE = "is not stated: it is estimated from the data; all placements count as visible"
@@ -71,7 +75,9 @@ def format_session_audit(
         rate, gap = f"{r['rate']} Hz", f"{r['longest_gap']} s"
         streams.append([r["name"], r["topic"], r["type"], r["messages"], rate, gap])
         inferred += [f"{r['name']}: {text}" for text in r["inferred"]]
-    notes = [f"{subject}: {text}" for subject, text in list_log_notes(session.audit)]
+    notes = [
+        f"{subject}: {text}" for subject, text in list_log_notes(session.audit, session.mocap_notes)
+    ]
     return [*align_columns(bodies), "", *align_columns(streams), "", *notes, *inferred, ""]
 
 

@@ -109,7 +109,7 @@ def build_session_context(run: ReportRun, name: str) -> Context:
         "name": name,
         "streams": tabulate_sensor_streams(session.audit, session.frames, sensors),
         "bodies": tabulate_mocap_bodies(session.audit, run.options),
-        "log_notes": list_log_notes(session.audit),
+        "log_notes": list_log_notes(session.audit, session.mocap_notes),
         "unused_topics": list_unused_topics(session.audit, sensors),
         "problems": list_session_problems(session),
         "message_timing_figure": draw_message_timing(run, name),

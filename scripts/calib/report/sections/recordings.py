@@ -1,5 +1,6 @@
 """What the recordings contain: sensor streams, motion capture bodies, topics and problems."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -80,9 +81,14 @@ def tabulate_mocap_bodies(audit: dict[str, Any], options: dict[str, Any]) -> lis
     return rows
 
 
-def list_log_notes(audit: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return (subject, note) on a log: unreadable parts, clock and repairs of each topic."""
+def list_log_notes(audit: dict[str, Any], mocap_notes: Sequence[str] = ()) -> list[tuple[str, str]]:
+    """Return (subject, note) on a log: unreadable parts, clock and repairs of each topic.
+
+    mocap_notes: on the noise of motion capture at rest.
+    """
     notes = [("parts of the log are unreadable", fault) for fault in audit.get("faults", [])]
+    for step in audit.get("clock_steps", []):
+        notes.append(("a clock stepped", f"{step['text']}. {step['remedy']}"))
     for topic, block in audit.get("mocap", {}).items():
         delay_s = block["delay_s"]
         delay = f"; logged {delay_s * MS_PER_S:.0f} ms later" if delay_s is not None else ""
@@ -90,7 +96,7 @@ def list_log_notes(audit: dict[str, Any]) -> list[tuple[str, str]]:
     for name, sensor in audit["sensors"].items():
         if sensor.get("stamps", "header") != "header":
             notes.append((name, f"time by {sensor['stamps']}"))
-    return notes
+    return notes + [("at rest", note) for note in mocap_notes]
 
 
 def list_unused_topics(
