@@ -4,8 +4,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from calib.geometry.units import NS_PER_S
 from calib.geometry.mask_runs import find_runs
+from calib.geometry.units import NS_PER_S
 
 Rows: TypeAlias = int | slice | np.ndarray
 

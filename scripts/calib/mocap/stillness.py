@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from calib.geometry.mask_runs import find_runs
 from calib.geometry.se3 import so3_log
 from calib.geometry.units import NS_PER_S
 from calib.mocap.body_trajectory import Trajectory, window_bounds
-from calib.geometry.mask_runs import find_runs
 
 
 @dataclass(frozen=True)
@@ -145,9 +145,7 @@ def _is_window_covered(t: np.ndarray, half_width_ns: int, breaks: np.ndarray) ->
     return (t - half_width_ns >= starts[part]) & (t + half_width_ns <= ends[part])
 
 
-def rest_speeds(
-    trajectory: Trajectory, limits: StillnessLimits
-) -> tuple[np.ndarray, np.ndarray]:
+def rest_speeds(trajectory: Trajectory, limits: StillnessLimits) -> tuple[np.ndarray, np.ndarray]:
     """Return the speeds of trajectory_speeds, with gaps bridged that a rest may span."""
     bridged = find_bridged_gaps(trajectory, limits)
     return trajectory_speeds(trajectory, limits.window_s, bridged)

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calib.geometry.mask_runs import find_runs
 from calib.geometry.units import DEG_PER_RAD, NS_PER_S
 from calib.io.status import Status, failure_status
 from calib.mocap.body_trajectory import Trajectory
-from calib.geometry.mask_runs import find_runs
 from calib.mocap.stillness import StillnessLimits, find_bridged_gaps, rest_speeds
 
 RATE_STEP_RATIO = 1.5  # a step up to this many times the median one is the rate, not a gap

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from calib.io.parquet_tables import Columns
 from calib.geometry.mask_runs import find_runs
+from calib.io.parquet_tables import Columns
 from calib.mocap.pose_faults import exceeds_speed
 
 SWAP_FAULT = "names swapped"
