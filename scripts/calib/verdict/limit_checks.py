@@ -8,7 +8,8 @@ from calib.verdict.findings import LimitCheck
 # The cause of a finding comes before its effects.
 CHECKS_BY_IMPORTANCE = (
     "status", "clock_step", "sensor_moved", "suspected_error", "scatter_cause",
-    "outline_vs_surface", "target_mount", "time_offset_s", "tilt_deg", "rejected", "systematic", "tail_share",
+    "outline_vs_surface", "target_mount", "time_offset_s", "tilt_deg", "rejected",
+    "systematic", "tail_share",
     "leave_one_out", "split_half", "corner_noise_px", "limb_noise_px", "range_noise_m",
     "outline_noise_deg", "mocap_noise_m", "mocap_noise_deg", "mocap_factor", "placements",
     "sigma_m", "sigma_deg", "guess_deviation_sigma", "convergence",
