@@ -26,7 +26,10 @@ from simulation.sensors.image_renderer import compute_ray_grid
 from simulation.sensors.scan_patterns import Firing
 from simulation.session_recording import SessionTruth, render_session_image
 
-NOISE_ARGUMENT_NAMES = ("range_noise_m", "image_noise", "mcs_noise_m", "mcs_noise_deg")
+NOISE_ARGUMENT_NAMES = (
+    *("range_noise_m", "image_noise", "mcs_noise_m", "mcs_noise_deg"),
+    *("mcs_wander_m", "mcs_wander_deg", "mcs_wander_s"),
+)
 VIEW_SCHEMAS = {"camera": CAMERA_VIEWS_SCHEMA, "lidar": LIDAR_VIEWS_SCHEMA}
 
 

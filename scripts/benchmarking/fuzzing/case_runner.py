@@ -57,7 +57,12 @@ MAX_ERROR_CHARACTERS = 2000  # a longer error message is not clear
 N_CASES_PER_TASK = 50
 CASE_ENDS = ("result", "warning", "refused", "broken")
 DECODE_OUTPUTS = ("mocap", "frames", "audit")
-GATE_MOCAP = {"pose_sigma": {"xyz_m": 2e-4, "rpy_deg": 0.02}, "max_gap_s": 0.05}
+GATE_MOCAP = {
+    "pose_sigma": {"xyz_m": 2e-4, "rpy_deg": 0.02},
+    "pose_bias_sigma": {"xyz_m": 1e-4, "rpy_deg": 0.01},
+    "max_gap_s": 0.05,
+    "use_measured_noise": True,
+}
 
 
 @dataclass(frozen=True)
