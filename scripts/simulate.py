@@ -29,6 +29,7 @@ import numpy as np
 
 from calib.io.logs.ros_messages import RosMessage
 from simulation.config_and_truth import simulated_log_path, write_simulated_config, write_truth
+from simulation.error_arguments import ERROR_ARGUMENTS
 from simulation.placement_sampling import PlacementSettings, draw_placements
 from simulation.ros_log import write_simulated_mcap
 from simulation.sensor_mounts import (
@@ -39,7 +40,7 @@ from simulation.sensor_mounts import (
     perturb_pose,
 )
 from simulation.sensors.camera_exposure import IMAGE_ENCODERS
-from simulation.sensors.mocap_errors import draw_label_swaps
+from simulation.sensors.mocap_errors import MarkerKnock, draw_label_swaps
 from simulation.session_recording import (
     ROBOT_BODY,
     SessionTruth,
@@ -68,7 +69,8 @@ from simulation.world.smooth_motion import schedule_placements
     SWAP_SEED,
     MARKER_SEED,
     BUMP_SEED,
-) = range(9)  # streams of random numbers
+    KNOCK_SEED,
+) = range(10)  # streams of random numbers
 # Flag, options of add_argument, help; they hold for all lidars or all cameras of the rig.
 SENSOR_ARGUMENTS: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("--sector-deg", {"type": float}, "azimuths recorded: ± about the lidar's x"),
@@ -86,37 +88,6 @@ SENSOR_ARGUMENTS: tuple[tuple[str, dict[str, Any], str], ...] = (
         "CompressedImage instead of Image",
     ),
     ("--distortion", {"type": float, "nargs": 4, "metavar": ("K1", "K2", "P1", "P2")}, "radtan"),
-)
-ERROR_ARGUMENTS = (  # flag, default, help
-    ("--range-noise-m", 0.0, "along the beam, standard deviation"),
-    ("--beam-bias-m", 0.0, "of each beam's range, drawn once, standard deviation"),
-    ("--beam-divergence-deg", 0.0, "angle across a beam; more than 0 mixes returns at edges"),
-    ("--image-noise", 0.0, "grey levels per channel, standard deviation"),
-    ("--blur-px", 0.0, "of the lens: Gaussian, standard deviation"),
-    ("--exposure-s", 0.0, "how long a shutter is open, half of it before the stamp"),
-    ("--mcs-noise-m", 0.0, "per axis and sample, standard deviation"),
-    ("--mcs-noise-deg", 0.0, "likewise"),
-    ("--mcs-bias-m", 0.0, "per axis, drawn once per body and placement"),
-    ("--mcs-bias-deg", 0.0, "likewise"),
-    ("--mcs-wander-m", 0.0, "slow noise per axis: Gauss-Markov process of first order"),
-    ("--mcs-wander-s", 3.0, "its time constant"),
-    ("--mcs-late-s", 0.0, "by which its stamps are late"),
-    ("--mcs-drift-ppm", 0.0, "millionths by which they get later as a session goes on"),
-    ("--mcs-dropout", 0.0, "share of each body's samples that is lost, in bursts"),
-    ("--mcs-dropout-s", 0.08, "length of these bursts, on average"),
-    ("--mcs-hz", 100.0, "poses per second"),
-    ("--mount-m", 0.0, "unstated offset of a target in its body: length"),
-    ("--mount-deg", 0.0, "and angle"),
-    ("--remount-m", 0.0, "of the robot's markers in every session but the first: length"),
-    ("--remount-deg", 0.0, "and angle"),
-    ("--bump-m", 0.0, "of the rig's last sensor in the last session: length"),
-    ("--bump-deg", 0.0, "and angle"),
-    ("--target-scale", 1.0, "size of the targets as built over the size written in the config"),
-    ("--board-bow-x-m", 0.0, "height of a board's middle over its ends along x"),
-    ("--board-bow-y-m", 0.0, "likewise along y"),
-    ("--board-twist-m", 0.0, "height of a board where x and y are largest, by its twist"),
-    ("--guess-error-m", 0.03, "written guess: uniform per axis within ±"),
-    ("--guess-error-deg", 5.0, "likewise"),
 )
 
 
@@ -234,8 +205,20 @@ def _draw_session(
             start_ns=start_ns,
             end_ns=end_ns,
         ),
+        marker_knock=_draw_marker_knock(args, number, times),
         arguments=args,
     )
+
+
+def _draw_marker_knock(
+    args: argparse.Namespace, session_number: int, placement_times_ns: np.ndarray
+) -> MarkerKnock | None:
+    """Draw the knock of the robot's markers, if one is asked for."""
+    if not (args.knock_m or args.knock_deg):
+        return None
+    rng = _make_rng(args, KNOCK_SEED, session_number)
+    T = draw_displacement(rng, args.knock_m, args.knock_deg)
+    return MarkerKnock.after_share(placement_times_ns, args.knock_after, T)
 
 
 def _draw_mcs_biases(

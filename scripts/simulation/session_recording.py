@@ -18,6 +18,7 @@ from simulation.sensors.image_renderer import RayGrid, compute_ray_grid, render_
 from simulation.sensors.lidar_scanner import scan_scene
 from simulation.sensors.mocap_errors import (
     LabelSwap,
+    MarkerKnock,
     apply_label_swaps,
     draw_dropouts,
     measure_body_poses,
@@ -43,8 +44,8 @@ class SessionTruth:
 
     placement_times_ns (n, 2): start and end of the placements; placement_poses: T_world_body
     (n, 4, 4) there of robot and targets; T_body_target by target; T_robot_markers (4, 4): where
-    the robot's MCS body is; mcs_biases (n, 6) by body: shift (m) and rotation vector (rad);
-    arguments: of simulate.py.
+    the robot's MCS body is, until marker_knock if there is one; mcs_biases (n, 6) by body: shift
+    (m) and rotation vector (rad); arguments: of simulate.py.
     """
 
     name: str
@@ -57,6 +58,7 @@ class SessionTruth:
     T_robot_markers: np.ndarray
     mcs_biases: dict[str, np.ndarray]
     label_swaps: list[LabelSwap]
+    marker_knock: MarkerKnock | None
     arguments: argparse.Namespace
 
     def true_body_poses(self, name: str, t: np.ndarray) -> np.ndarray:
@@ -146,6 +148,7 @@ def generate_cloud_messages(
             range_sigma_m=args.range_noise_m,
             range_bias_m=session.rig.beam_bias_m[name],
             beam_divergence_rad=np.deg2rad(args.beam_divergence_deg),
+            dark_range_m=args.dark_range_m,
         )
         log_time_ns = t + SCAN_PERIOD_NS + 2_000_000 + int(rng.integers(0, 1_000_000))
         message = make_cloud_message(t, name, spec.cloud_format, echoes)

@@ -360,6 +360,7 @@ def make_calibration_json():
         "pairs": [],
         "suspected_errors": [],
         "mocap_offsets_s": {},
+        "mocap_scales": {},
         "influences": [make_influence_json(0, 1.4, 5.0), make_influence_json(1, None, 7.0)],
         "repeatability": [],
         "split_halves": SPLIT_HALVES_JSON,

@@ -44,12 +44,14 @@ N_RINGS = 12
 @dataclass(frozen=True)
 class SyntheticWorld:
     """What is there: targets, lens, T_body_target by target (identity) and by how much, m, the
-    lidar's ranges are too long, for every ring."""
+    lidar's ranges are too long, for every ring, and to squares of a board that are black if its
+    first one is."""
 
     targets: dict = field(default_factory=lambda: TARGETS_BY_NAME)
     camera: CameraModel = CAMERA_MODEL
     T_body_target: dict = field(default_factory=dict)
     range_bias_m: np.ndarray = field(default_factory=lambda: np.zeros(N_RINGS))
+    black_range_m: float = 0.0
 
 
 def scale_pattern(factor):
@@ -186,8 +188,17 @@ def _draw_returns(rng, world, target, T, k, noise, n=180):
     p = transform_points(T, q)
     ring = np.argsort(np.argsort(p[:, 2])) * N_RINGS // n
     longer = noise * RANGE_SIGMA_M * rng.normal(size=n) + world.range_bias_m[ring]
+    if isinstance(target, Board):
+        longer += world.black_range_m * is_black(q)
     p = p * (1 + longer / np.linalg.norm(p, axis=1))[:, None]
     return _keypoint_columns("target_surface", k, ring, RANGE_SIGMA_M, xyz=p)
+
+
+def is_black(q):
+    """Which points (n, 3) lie on squares of the board that are black if the first one is: written
+    out, 7 by 6 squares of 80 mm from (-0.28, -0.24) on."""
+    i, j = np.floor((q[:, 0] + 0.28) / 0.08), np.floor((q[:, 1] + 0.24) / 0.08)
+    return (i >= 0) & (i < 7) & (j >= 0) & (j < 6) & ((i + j) % 2 == 0)
 
 
 def _draw_crossings(rng, target, T, k, noise, n=6):

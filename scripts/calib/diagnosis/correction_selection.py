@@ -28,9 +28,11 @@ from calib.estimation.corrections.correction_catalog import (
 )
 from calib.estimation.corrections.correction_estimate import correction_estimates
 from calib.estimation.corrections.lidar.lidar_range_errors import BEAM_RANGES, RANGE_BIAS
+from calib.estimation.corrections.mocap.mocap_scale import make_scale_corrections
 from calib.estimation.corrections.score_test import gain_p_value, likelihood_gain
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
+from calib.estimation.pose_chain import MOCAP_SCALE
 from calib.estimation.solver import continue_estimate, estimate_poses
 from calib.sensors.camera.camera_model import CameraModel
 
@@ -39,9 +41,11 @@ P_ACCEPT = 1e-5  # p-value below which a correction is estimated
 P_ACCEPT_LIKELY = 1e-3  # the same for a correction that is likely beforehand
 MAX_ROUNDS = 4  # of accepting corrections
 CORRECTIONS_BY_KEY = {  # names of corrections by key of solve.estimate
-    "lidar_corrections": ("beam_offsets", "range_bias", "beam_width", "outline_vs_surface"),
+    "lidar_corrections": ("beam_offsets", "range_bias", "dark_ranges")
+    + ("beam_width", "outline_vs_surface"),
     "target_alignment": (MOUNT,),
     "board_shape": (BOARD_SHAPE,),
+    "mocap_scale": (MOCAP_SCALE,),
 }
 
 
@@ -97,6 +101,9 @@ def with_requested_corrections(setup: Setup, estimate_options: dict[str, Any]) -
         first = {p.target: p.T_body_target for p in reversed(setup.placements)}
         mounts = {n: T for n, T in first.items() if n in setup.mount_sigma}
         setup = replace(setup, initial_mounts=mounts | setup.initial_mounts)
+    if estimate_options.get("mocap_scale") is True:
+        for scale in make_scale_corrections(setup):
+            setup = scale.add_to_setup(setup) or setup
     if estimate_options.get("intrinsics") is True:
         cameras = {n: m for n, m in setup.models.items() if isinstance(m, CameraModel)}
         intrinsics = [
@@ -170,12 +177,21 @@ def _with_accepted_corrections(
 ) -> Setup:
     """Add the corrections, of those named, that are suspected beyond doubt."""
     accepted = {
-        (e["name"], e["subject"]) for e in suspected if e["p_value"] < _max_p_value(setup, e)
+        (e["name"], e["subject"]): _lead_over_rivals(e)
+        for e in suspected
+        if e["p_value"] < _max_p_value(setup, e)
     }
     for correction in list_testable_corrections(setup):
-        if correction.name in names and (correction.name, correction.subject) in accepted:
+        lead = accepted.get((correction.name, correction.subject), -np.inf)
+        if correction.name in names and lead > correction.min_lead:
             setup = correction.add_to_setup(setup) or setup
     return setup
+
+
+def _lead_over_rivals(error: dict[str, Any]) -> float:
+    """Return how far, in log likelihood, a suspected error is ahead of what would do instead."""
+    gain = error["log_likelihood_gain"]
+    return gain - max((a["log_likelihood_gain"] for a in error["alternatives"]), default=gain / 2)
 
 
 def _max_p_value(setup: Setup, error: dict[str, Any]) -> float:

@@ -13,6 +13,7 @@ from calib.diagnosis.sensor_json import SolvedSensors, sensor_json, undetermined
 from calib.diagnosis.sensor_status import sensor_status
 from calib.estimation.corrections.board_shape import board_shapes_json
 from calib.estimation.corrections.clock_offset import stream_lags_json
+from calib.estimation.corrections.mocap.mocap_scale import mocap_scales_json
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.nlp.information_matrix import invert_information
@@ -61,6 +62,7 @@ def solution_json(
         "board_shapes": board_shapes_json(setup, result),
         "sessions": dict.fromkeys(options["sessions"]),
         "mocap_offsets_s": stream_lags_json(setup, result),
+        "mocap_scales": mocap_scales_json(setup, result),
         "influences": influences_json(setup, solved.leave_one_outs),
         "noise": noise_json(setup, result),
         "provenance": {

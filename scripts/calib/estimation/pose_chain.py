@@ -9,10 +9,11 @@ from calib.estimation.corrections.base import ModelCorrection, TargetModelCorrec
 from calib.estimation.estimate_state import State, get_correction_values, get_local_motion
 from calib.estimation.estimation_problem import MeasurementGroup, SensorModel, Setup
 from calib.estimation.nlp.joint_nlp import LinearizationPoses
-from calib.geometry.se3 import adjoint, invert_pose, se3_exp, se3_log
+from calib.geometry.se3 import adjoint, invert_pose, make_pose, se3_exp, se3_log
 from calib.geometry.units import NS_PER_S
 
 ROBOT_MARKERS = "markers"  # name of the correction: pose of a session's robot markers
+MOCAP_SCALE = "mocap_scale"  # name of the correction: error of a session's distances
 
 
 def model_with_corrections(setup: Setup, state: State, group: MeasurementGroup) -> SensorModel:
@@ -35,14 +36,25 @@ def target_with_corrections(setup: Setup, state: State, target: str) -> Any:
 
 
 def T_robot_body(setup: Setup, state: State, placement_index: int) -> np.ndarray:
-    """Return T_robot_body (4, 4) of a placement as measured, corrected for moved markers."""
+    """Return T_robot_body (4, 4) of a placement as measured, corrected for scale and markers."""
     place = setup.placements[placement_index]
     if place.moving_view is None:
         T = place.T_robot_body
     else:
         T = get_local_motion(setup, state, placement_index).T_robot_body
+    scale = get_correction_values(setup, state, MOCAP_SCALE, place.session)
+    if scale is not None:
+        T = make_pose(T[:3, :3], T[:3, 3] / (1 + scale[0]))
     theta = get_correction_values(setup, state, ROBOT_MARKERS, place.session)
     return T if theta is None else se3_exp(theta) @ T
+
+
+def robot_to_body_offset(setup: Setup, state: State, placement_index: int) -> np.ndarray:
+    """Return from the robot's MCS body to the target's (3,), m, along the robot's axes."""
+    T = T_robot_body(setup, state, placement_index)
+    session = setup.placements[placement_index].session
+    theta = get_correction_values(setup, state, ROBOT_MARKERS, session)
+    return T[:3, 3] if theta is None else T[:3, 3] - se3_exp(theta)[:3, 3]
 
 
 def T_body_target(setup: Setup, state: State, placement_index: int) -> np.ndarray:

@@ -21,6 +21,8 @@ INLIER_SIGMAS = 3  # distance of a return on the board from its plane
 MAX_RADIUS_SHARE = 1.2  # distance of a return on the board from their centroid, bounding radii
 N_PLANE_FITS = 5
 N_PLANE_DRAWS = 300
+N_SPOT_POINTS = 24  # of equal area in the spot of a beam
+GOLDEN_ANGLE_RAD = np.pi * (3 - 5**0.5)  # spreads points over a disk
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,8 @@ class Board:
 
     vertices: (n, 2) of the outline, m; thickness: m; has_config_outline: whether the config states
     the outline, so that scan lines that leave it can be used; warp: bow_x, bow_y, twist, m;
-    flatness: their σ, m, None for a board that is flat.
+    flatness: their σ, m, None for a board that is flat; leaves_out_pattern: whether a lidar's
+    returns on the pattern are left out.
     """
 
     vertices: np.ndarray
@@ -39,6 +42,7 @@ class Board:
     has_config_outline: bool = True
     flatness: float | None = None
     warp: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    leaves_out_pattern: bool = False
 
     name = "board"
     color = None
@@ -56,6 +60,7 @@ class Board:
             pattern,
             has_config_outline=has_outline,
             flatness=config.get("flatness_m"),
+            leaves_out_pattern=config.get("pattern_returns") == "leave_out",
         )
 
     @property
@@ -124,6 +129,25 @@ class Board:
 
     def distance_inside_rim(self, points: np.ndarray) -> np.ndarray:
         return -signed_polygon_distance(self.vertices, points[:, :2])
+
+    def pattern_darkness(self, points: np.ndarray, spot_radius: np.ndarray) -> np.ndarray:
+        """Return how dark (n, q) the pattern is in the mean over spots at points (n, 3).
+
+        spot_radius: (n,) of the spots of the beams, m; q: see TargetPattern.darkness.
+        """
+        assert self.pattern is not None
+        number = np.arange(N_SPOT_POINTS) + 0.5
+        share, angle = np.sqrt(number / N_SPOT_POINTS), GOLDEN_ANGLE_RAD * number
+        offsets = share[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        xy = points[:, None, :2] + spot_radius[:, None, None] * offsets
+        dark = self.pattern.darkness(xy.reshape(-1, 2))
+        return dark.reshape(*xy.shape[:2], -1).mean(axis=1)
+
+    def is_left_out(self, points: np.ndarray, spot_radius: np.ndarray) -> np.ndarray:
+        """Return which returns at points (n, 3), with spots of a radius (n,), are left out."""
+        if self.pattern is None or not self.leaves_out_pattern:
+            return np.zeros(len(points), bool)
+        return signed_polygon_distance(self.pattern.outline, points[:, :2]) < spot_radius
 
     def is_near_cap(self, points: np.ndarray, reach: float) -> np.ndarray:
         return np.zeros(len(points), bool)

@@ -8,11 +8,10 @@ from calib.verdict.findings import LimitCheck
 # The cause of a finding comes before its effects.
 CHECKS_BY_IMPORTANCE = (
     "status", "clock_step", "sensor_moved", "suspected_error", "scatter_cause",
-    "outline_vs_surface", "target_mount", "time_offset_s", "tilt_deg", "rejected",
-    "systematic", "tail_share",
-    "leave_one_out", "split_half", "corner_noise_px", "limb_noise_px", "range_noise_m",
-    "outline_noise_deg", "mocap_noise_m", "mocap_noise_deg", "mocap_factor", "placements",
-    "sigma_m", "sigma_deg", "guess_deviation_sigma", "convergence",
+    "outline_vs_surface", "mocap_scale", "target_mount", "time_offset_s", "tilt_deg", "rejected",
+    "systematic", "tail_share", "leave_one_out", "split_half", "corner_noise_px",
+    "limb_noise_px", "range_noise_m", "outline_noise_deg", "mocap_noise_m", "mocap_noise_deg",
+    "mocap_factor", "placements", "sigma_m", "sigma_deg", "guess_deviation_sigma", "convergence",
 )  # fmt: skip
 # Errors that are not estimated; they explain misfits, and a larger σ would hide them.
 CAUSE_CHECKS = {
@@ -101,6 +100,15 @@ MOCAP_NOISE_M = LimitCheck(
     display_factor=MM_PER_M,
 )
 MOCAP_NOISE_DEG = replace(MOCAP_NOISE_M, key="mocap_noise_deg", unit="°", display_factor=1.0)
+MOCAP_SCALE = LimitCheck(
+    "mocap_scale",
+    "distances of the motion capture in session {session} err by {{}} (± {sigma}), and the poses "
+    "are corrected for it",
+    "Calibrate the motion capture again with a wand of known length. Other users of its poses have "
+    "the same error.",
+    unit=" %",
+    display_factor=SHARE_TO_PERCENT,
+)
 POSITION_SIGMA = LimitCheck("sigma_m", "position σ {}", unit=" mm", display_factor=MM_PER_M)
 ROTATION_SIGMA = LimitCheck("sigma_deg", "rotation σ {}", unit="°")
 CORNER_NOISE = LimitCheck(

@@ -1,6 +1,7 @@
 """Findings on errors of a recording or its config: suspected errors, target mounts, sessions."""
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,9 @@ from calib.verdict.findings import (
     make_finding,
     with_limit,
 )
-from calib.verdict.limit_checks import TIME_OFFSET_CHANGE
+from calib.verdict.limit_checks import MOCAP_SCALE, TIME_OFFSET_CHANGE
+
+MIN_SCALE_SIGMAS = 3.0  # an error of the scale below this many σ is not told
 
 
 def suspected_error_findings(
@@ -142,6 +145,20 @@ def time_offset_findings(solution: dict[str, Any], limits: Limits) -> list[Findi
             change = rig_change(solution["rig"], key, value)
             check = TIME_OFFSET_CHANGE
             out += check_limit(check, change_s, limits, sensor=name, remedy=remedy, change=change)
+    return out
+
+
+def mocap_scale_findings(scales: dict[str, dict[str, float]], limits: Limits) -> list[Finding]:
+    """Return the findings on errors of the motion capture's scale that were estimated.
+
+    scales: {value, sigma} by session.
+    """
+    out = []
+    for session, scale in sorted(scales.items()):
+        value, sigma = abs(scale["value"]), scale["sigma"]
+        if value > MIN_SCALE_SIGMAS * sigma:
+            text = MOCAP_SCALE.text.format(session=session, sigma=MOCAP_SCALE.format(sigma))
+            out += check_limit(replace(MOCAP_SCALE, text=text), value, limits)
     return out
 
 

@@ -34,6 +34,7 @@ from calib.verdict.limit_checks import (
     SYSTEMATIC_CHECKS,
 )
 from calib.verdict.model_error_findings import (
+    mocap_scale_findings,
     repeatability_findings,
     suspected_error_findings,
     target_mount_findings,
@@ -65,6 +66,7 @@ def rig_findings(solution: dict[str, Any], limits: Limits) -> Verdict:
     sensors = dict(sorted(solution["sensors"].items()))
     found = [f for name, sensor in sensors.items() for f in sensor_findings(name, sensor, limits)]
     found += time_offset_findings(solution, limits)
+    found += mocap_scale_findings(solution["mocap_scales"], limits)
     found += _cause_findings(solution, limits, found)
     has_systematic = any(f["check"] in SYSTEMATIC_CHECKS for f in found)
     found += mocap_findings(solution, limits, has_systematic)

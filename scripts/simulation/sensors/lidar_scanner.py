@@ -11,6 +11,7 @@ from simulation.world.ray_surfaces import SKY_FACE
 from simulation.world.room_scene import SimulatedScene, find_surface_index
 
 MIN_RANGE_M, MAX_RANGE_M = 0.4, 100.0
+DARK_GREY_LEVEL = 64  # a surface darker than this is a dark one
 PULSE_LENGTH_M = 1.0  # an echo farther than this behind the first one is separate from it
 RIM_ANGLES_RAD = np.arange(6) * np.pi / 3
 # Twelve points of equal area in a beam's footprint: share of its radius, and angle in degrees.
@@ -28,12 +29,14 @@ def scan_scene(
     range_sigma_m: float = 0.0,
     range_bias_m: float | np.ndarray = 0.0,
     beam_divergence_rad: float = 0.0,
+    dark_range_m: float = 0.0,
 ) -> Echoes:
     """Scan a scene with a firing whose first column leaves at stamp_ns.
 
     The poses are (4, 4), or (columns, 4, 4) at the columns' times. range_bias_m is one or
-    (beams,). beam_divergence_rad is the full angle of a beam; a beam of 0 is a line. rng draws
-    the range noise and may be None without noise.
+    (beams,). beam_divergence_rad is the full angle of a beam; a beam of 0 is a line. dark_range_m:
+    by how much ranges to dark surfaces are longer. rng draws the range noise and may be None
+    without noise.
     """
     scene = posed.scene
     distance, label = cast_rays(posed, firing.beam_directions)
@@ -45,11 +48,13 @@ def scan_scene(
     if range_sigma_m:
         assert rng is not None, "range noise needs random numbers"
         distance = distance + range_sigma_m * rng.standard_normal(distance.shape)
-    distance = np.where(has_return, distance + range_bias_m, 0.0)
+    grey_level = scene.label_colors[label].mean(-1)
+    excess = range_bias_m + dark_range_m * (grey_level < DARK_GREY_LEVEL)
+    distance = np.where(has_return, distance + excess, 0.0)
     return Echoes(
         xyz=firing.beam_directions * distance[..., None],
         distance_m=distance,
-        grey_level=scene.label_colors[label].mean(-1),
+        grey_level=grey_level,
         has_return=has_return,
         column_time_ns=firing.column_time_ns[:, None],
         stamp_ns=stamp_ns,

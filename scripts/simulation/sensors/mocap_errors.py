@@ -22,14 +22,32 @@ class LabelSwap(NamedTuple):
     bodies: tuple[str, str]
 
 
-class PoseNoise(Protocol):
-    """The noise of MCS poses per axis, standard deviations."""
+class MarkerKnock(NamedTuple):
+    """The robot's markers sit elsewhere from a time, ns, on, by T (4, 4) in the frame before."""
+
+    start_ns: int
+    T_before_after: np.ndarray
+
+    @classmethod
+    def after_share(
+        cls, placement_times_ns: np.ndarray, share: float, T_before_after: np.ndarray
+    ) -> "MarkerKnock":
+        """Return a knock during the move that follows a share of the placements (n, 2)."""
+        n = len(placement_times_ns)
+        first = int(np.clip(round(share * n), 1, n - 1))
+        start_ns = (placement_times_ns[first - 1, 1] + placement_times_ns[first, 0]) // 2
+        return cls(int(start_ns), T_before_after)
+
+
+class PoseErrors(Protocol):
+    """The noise of MCS poses per axis, standard deviations, and the error of its scale."""
 
     mcs_noise_m: float
     mcs_noise_deg: float
     mcs_wander_m: float
     mcs_wander_deg: list[float]
     mcs_wander_s: float
+    mcs_scale_error: float
 
 
 class MocapTruth(Protocol):
@@ -48,7 +66,10 @@ class MocapTruth(Protocol):
     def mcs_biases(self) -> Mapping[str, np.ndarray]: ...
 
     @property
-    def arguments(self) -> PoseNoise: ...
+    def marker_knock(self) -> MarkerKnock | None: ...
+
+    @property
+    def arguments(self) -> PoseErrors: ...
 
     def true_body_poses(self, name: str, t: np.ndarray) -> np.ndarray: ...
 
@@ -58,23 +79,33 @@ def measure_body_poses(
 ) -> np.ndarray:
     """Return the poses (n, 4, 4) that the MCS reports at t (n,), ns.
 
-    Bias, wander and white noise act along the axes of the body.
+    Bias, wander and white noise act along the axes of the body, the scale on positions in the map.
     """
     if object_name in session.T_body_target:
         T_object_body = invert_pose(session.T_body_target[object_name])
     else:
-        T_object_body = session.T_robot_markers
+        T_object_body = _robot_markers_poses(session, t)
     T = session.true_body_poses(object_name, t) @ T_object_body
     bias = interpolate_placement_values(
         t, session.placement_times_ns, session.mcs_biases[object_name]
     )
-    noise = session.arguments
-    sigma = np.repeat([noise.mcs_noise_m, np.deg2rad(noise.mcs_noise_deg)], 3)
+    errors = session.arguments
+    sigma = np.repeat([errors.mcs_noise_m, np.deg2rad(errors.mcs_noise_deg)], 3)
     T = T @ se3_exp(bias) @ se3_exp(sigma * rng.standard_normal((len(t), 6)))
-    wander_sigma = np.append(np.full(3, noise.mcs_wander_m), np.deg2rad(noise.mcs_wander_deg))
-    if not wander_sigma.any():
-        return T
-    return T @ se3_exp(wander_sigma * draw_gauss_markov(rng, t, noise.mcs_wander_s))
+    wander_sigma = np.append(np.full(3, errors.mcs_wander_m), np.deg2rad(errors.mcs_wander_deg))
+    if wander_sigma.any():
+        T = T @ se3_exp(wander_sigma * draw_gauss_markov(rng, t, errors.mcs_wander_s))
+    T[:, :3, 3] *= 1 + errors.mcs_scale_error
+    return T
+
+
+def _robot_markers_poses(session: MocapTruth, t: np.ndarray) -> np.ndarray:
+    """Return where the robot's MCS body is on the robot (n, 4, 4) at t (n,), ns."""
+    T = np.tile(session.T_robot_markers, (len(t), 1, 1))
+    if session.marker_knock is not None:
+        start_ns, T_before_after = session.marker_knock
+        T[t >= start_ns] = T[t >= start_ns] @ T_before_after
+    return T
 
 
 def draw_gauss_markov(

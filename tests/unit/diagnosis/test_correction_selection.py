@@ -188,10 +188,12 @@ def test_slopes_by_the_numbers_are_those_of_the_residuals():
     assert {h.name for h in found} == {
         "beam_offsets",
         "range_bias",
+        "dark_ranges",
         "beam_width",
         "outline_vs_surface",
         "distortion",
         "board_shape",
+        "mocap_scale",
     }
     made = replace(made, corrections=found)
     state = initial_state(made, synthetic_setup.TRUE_POSES, 1.0)

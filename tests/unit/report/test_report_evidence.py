@@ -43,9 +43,11 @@ def test_estimated_unknowns_are_told(report_files, skip_figures):
     T = pose_json(pose_from_rpy([0.03, 0, 0], [0, 0, 0]))
     markers = {"T_robot_markers": T, "covariance": np.diag(POSE_SIGMA**2).tolist()}
     report_files.calibration["sessions"]["s1"] = markers
+    report_files.calibration["mocap_scales"] = {"s1": {"value": -0.004, "sigma": 1e-4}}
     said = extract_page_text(report_files.render_report())
     assert "robot markers in s1, robot frame x 30.0 ± 1.0 mm" in said
     assert "time offset of left 25.000 ± 0.2 ms, from 25 views of targets in motion" in said
+    assert "scale of the motion capture in s1 distances 0.400 ± 0.01 % too short" in said
     assert "clock of left in s1 26.000 ± 0.3 ms in the middle, drift 200 ± 20 ppm" in said
     assert "time offset of top not observable: no relative motion" in said
     assert "mount of board in its MCS body x 6.0 ± 1.0 mm" in said

@@ -442,6 +442,31 @@ def test_the_rate_of_the_mcs_is_the_one_asked_for():
     assert np.unique(np.diff(stamps)).tolist() == [125_000_000]
 
 
+def test_a_wrong_scale_of_the_mcs_lengthens_all_distances_in_its_map():
+    """By 0.4 %: those of robot and board to the map's origin and to each other."""
+    arguments = ("--placements", "3", "--targets", "board")
+    right, wrong = draw(*arguments), draw(*arguments, "--mcs-scale-error", "0.004")
+    t = right.placement_times_ns[:, 0]
+    rng = np.random.default_rng(0)
+    for name in ("robot", "board"):
+        T, scaled = (measure_body_poses(s, rng, name, t) for s in (right, wrong))
+        np.testing.assert_allclose(scaled[:, :3, 3], 1.004 * T[:, :3, 3], rtol=1e-12)
+        np.testing.assert_array_equal(scaled[:, :3, :3], T[:, :3, :3])
+
+
+def test_a_knock_moves_the_robots_markers_from_the_placement_asked_for_on():
+    """By 13 mm and 0.6° from the third of four placements on, and nothing before it."""
+    arguments = ("--placements", "4", "--targets", "board", "--knock-m", "0.013")
+    knocked = draw(*arguments, "--knock-deg", "0.6", "--knock-after", "0.5")
+    t = knocked.placement_times_ns.mean(1).astype(np.int64)
+    T = measure_body_poses(knocked, np.random.default_rng(0), "robot", t)
+    moved = invert_pose(knocked.true_body_poses("robot", t)) @ T
+    np.testing.assert_allclose(moved[:2], [np.eye(4)] * 2, atol=1e-9)
+    xi = se3_log(moved[2:])
+    np.testing.assert_allclose(np.linalg.norm(moved[2:, :3, 3], axis=1), 0.013, rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(xi[:, 3:], axis=1), np.radians(0.6), rtol=1e-6)
+
+
 def test_late_mcs_stamps_and_a_displaced_target_have_the_size_asked_for():
     session = draw("--mount-m", "0.006", "--mount-deg", "1", "--mcs-late-s", "0.025")
     for T in session.T_body_target.values():

@@ -414,6 +414,24 @@ def test_a_clock_that_is_off_and_not_to_be_estimated_is_warned_of(clean, ms, cha
         assert "the stamps of camera are early, and solve.estimate.time_offset is false" in text
 
 
+@pytest.mark.parametrize(
+    ("share", "sigma", "level"),
+    [(0.004, 2e-4, "warn"), (-0.03, 2e-4, "fail"), (5e-4, 1e-5, "pass"), (0.004, 0.002, "pass")],
+)
+def test_an_estimated_error_of_the_scale_is_warned_of_above_its_limit_if_it_is_clear(
+    clean, share, sigma, level
+):
+    """Limits 0.1 % and 2 %; 0.4 ± 0.2 % is not clear."""
+    scales = {"s": {"value": share, "sigma": sigma}}
+    found_level, found, _ = told(clean, lambda s: s.update(mocap_scales=scales))
+    assert found_level == level and len(found) == (level != "pass")
+    if level == "warn":
+        assert found[0]["text"] == (
+            "distances of the motion capture in session s err by 0.4 % (± 0.02 %), and the poses "
+            "are corrected for it, warn above 0.1 %"
+        )
+
+
 def test_a_sensor_without_a_pose_fails_with_its_own_remedy(clean):
     status = {"ok": False, "reason": "no view", "found": "", "expected": "", "remedy": "look"}
     level, found, _ = told(

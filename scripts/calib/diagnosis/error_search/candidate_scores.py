@@ -17,6 +17,7 @@ from calib.estimation.corrections.score_test import (
 )
 
 P_CONSIDER = 1e-3  # p-value below which a correction is considered
+P_SCREEN = 0.05  # the same with the noise as it is, before the noise follows the correction
 
 
 class ScoredCorrection(NamedTuple):
@@ -58,7 +59,7 @@ class ScoreTests:
             free = np.concatenate([current.free_index, columns])
             drop = system.cost_drop(free) - current_drop
             is_free = np.isin(columns, current.free_index).any()
-            if is_free or gain_p_value(drop, len(columns)) > P_CONSIDER:
+            if is_free or gain_p_value(drop, len(columns)) > P_SCREEN:
                 continue
             step = fit_score_step(self.terms, free)
             scatter = cluster_scatter(self.terms, step, columns)

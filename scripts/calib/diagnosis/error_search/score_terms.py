@@ -1,6 +1,6 @@
 """The terms of the score tests: residuals at the optimum by noise, with their derivatives."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from calib.estimation.corrections.base import TestableCorrection
 from calib.estimation.corrections.group_linearization import GroupLinearization
-from calib.estimation.corrections.score_test import NoiseTerm, ScoreBlock
+from calib.estimation.corrections.score_test import NoiseTerm, PriorNoiseTerm, ScoreBlock
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.nlp.information_matrix import invert_information
@@ -20,6 +20,7 @@ from calib.estimation.residuals.residual_registry import RESIDUAL_KINDS
 
 MIN_VARIANCE_FACTOR = 1e-4  # on the estimated variance
 MOCAP_NOISE_NAME = "mocap_noise"
+MIN_ERROR_VARIANCE = 1e-9  # of an error of the motion capture, in units of its prior
 
 
 class Candidate(NamedTuple):
@@ -60,14 +61,30 @@ def make_noise_terms(
         is_step = RESIDUAL_KINDS[group.kind].MIN_SIGMA is None
         scale = result.state.noise[noise_key(group)].total
         min_factors[noise] = 1 / scale**2 if is_step else MIN_VARIANCE_FACTOR
-    blocks[MOCAP_NOISE_NAME] = _mocap_blocks(setup, result, error_columns, clusters)
-    min_factors[MOCAP_NOISE_NAME] = 1 / result.state.mocap_noise_factor**2
     n_unknowns = len(result.solved.information)
     n_parameters = sum(len(c.columns) for c in candidates)
+    cluster_of_column = _clusters_of_columns(setup, factors, clusters)
+    mocap_term = PriorNoiseTerm(
+        _mocap_blocks(result, error_columns, cluster_of_column),
+        n_unknowns,
+        n_parameters,
+        information=_mocap_information(result, error_columns, cluster_of_column),
+        stated_factor=1 / result.state.mocap_noise_factor**2,
+    )
     return {
         noise: NoiseTerm(parts, n_unknowns, n_parameters, min_factors[noise])
         for noise, parts in blocks.items()
-    }
+    } | {MOCAP_NOISE_NAME: mocap_term}
+
+
+def _clusters_of_columns(
+    setup: Setup, factors: Sequence[Factor], clusters: np.ndarray
+) -> dict[int, int]:
+    """Return the cluster of placements by the index of an unknown that moves one of them."""
+    out: dict[int, int] = {}
+    for group, factor in zip(setup.groups, factors, strict=True):
+        out |= dict.fromkeys(factor.columns.tolist(), int(clusters[group.placement]))
+    return out
 
 
 def _measurement_block(
@@ -99,12 +116,9 @@ def _measurement_block(
 
 
 def _mocap_blocks(
-    setup: Setup, result: EstimationResult, error_columns: np.ndarray, clusters: np.ndarray
+    result: EstimationResult, error_columns: np.ndarray, cluster_of_column: Mapping[int, int]
 ) -> list[ScoreBlock]:
     """Return one block for each MCS error; it counts as far as the data determine it."""
-    cluster_of_column: dict[int, int] = {}
-    for group, factor in zip(setup.groups, result.solved.factors, strict=True):
-        cluster_of_column |= dict.fromkeys(factor.columns.tolist(), clusters[group.placement])
     n_determined = count_determined_unknowns(result.solved.information, error_columns)
     n_terms = n_determined / len(error_columns)
     values = result.state.mocap_errors.reshape(-1)
@@ -123,6 +137,24 @@ def _mocap_blocks(
         )
         for column, value in zip(error_columns.tolist(), values, strict=True)
     ]
+
+
+def _mocap_information(
+    result: EstimationResult, error_columns: np.ndarray, cluster_of_column: Mapping[int, int]
+) -> np.ndarray:
+    """Return what the measurements tell about the MCS errors (k,), in units of their priors.
+
+    Along the axes of their covariance, cluster by cluster: placements of different clusters share
+    no error.
+    """
+    covariance = invert_information(result.solved.information)
+    numbers = np.array([cluster_of_column.get(c, -1) for c in error_columns.tolist()])
+    parts = [np.zeros(0)]
+    for number in np.unique(numbers):
+        columns = error_columns[numbers == number]
+        variances = np.linalg.eigvalsh(covariance[np.ix_(columns, columns)])
+        parts.append(np.maximum(1 / np.maximum(variances, MIN_ERROR_VARIANCE) - 1, 0.0))
+    return np.concatenate(parts)
 
 
 def count_determined_unknowns(information: np.ndarray, columns: np.ndarray) -> float:

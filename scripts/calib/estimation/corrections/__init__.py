@@ -7,7 +7,7 @@ slips_and_bumps       targets that slip, sensors that are bumped
 camera                errors of a lens: focal length, principal point, distortion
 clock_offset, clock_drift   estimated if observable
 lidar                 errors of a lidar: ranges, outlines
-mocap                 errors of the motion capture: the robot's markers
+mocap                 errors of the motion capture: its scale, the robot's markers
 correction_catalog    lists what score tests look for
 group_linearization   derivatives of a group's residuals
 correction_estimate   estimated values with their σ

@@ -56,10 +56,12 @@ class Correction(ABC):
 class TestableCorrection(Correction):
     """A possible error of the configuration or the hardware that a score test looks for.
 
-    kinds: the kinds of measurement that depend on it.
+    kinds: the kinds of measurement that depend on it. min_lead: gain in log likelihood by which it
+    must be ahead of every other explanation to be estimated unasked.
     """
 
     kinds: ClassVar[frozenset[str]] = frozenset(RESIDUAL_KINDS)
+    min_lead: ClassVar[float] = -np.inf
 
     @property
     @abstractmethod

@@ -12,6 +12,7 @@ from calib.estimation.corrections.base import TestableCorrection
 from calib.estimation.corrections.board_shape import make_board_shape_corrections
 from calib.estimation.corrections.camera.camera_intrinsics import make_lens_corrections
 from calib.estimation.corrections.camera.lens_distortion import make_distortion_corrections
+from calib.estimation.corrections.lidar.dark_ranges import make_dark_range_corrections
 from calib.estimation.corrections.lidar.lidar_outline_errors import (
     make_beam_width_corrections,
     make_outline_twist_corrections,
@@ -20,6 +21,8 @@ from calib.estimation.corrections.lidar.lidar_range_errors import (
     make_beam_corrections,
     make_range_corrections,
 )
+from calib.estimation.corrections.mocap.knocked_markers import make_knock_corrections
+from calib.estimation.corrections.mocap.mocap_scale import make_scale_corrections
 from calib.estimation.corrections.slips_and_bumps import (
     make_bump_corrections,
     make_slip_corrections,
@@ -45,14 +48,20 @@ CORRECTION_SOURCES: tuple[CorrectionSource, ...] = (
     make_board_shape_corrections,
     make_cylinder_corrections,
     make_mount_corrections,
+    make_scale_corrections,
     make_lens_corrections,
     make_distortion_corrections,
     make_range_corrections,
     make_beam_corrections,
+    make_dark_range_corrections,
     make_beam_width_corrections,
     make_outline_twist_corrections,
 )
-SESSION_SHIFT_SOURCES: tuple[CorrectionSource, ...] = (make_slip_corrections, make_bump_corrections)
+SESSION_SHIFT_SOURCES: tuple[CorrectionSource, ...] = (
+    make_slip_corrections,
+    make_bump_corrections,
+    make_knock_corrections,
+)
 
 
 def list_testable_corrections(setup: Setup) -> list[TestableCorrection]:

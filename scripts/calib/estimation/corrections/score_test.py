@@ -19,6 +19,8 @@ from calib.estimation.nlp.information_matrix import MIN_EIGENVALUE_RATIO
 
 N_NOISE_RESCALINGS = 4  # times that the noise shrinks and the step is taken again
 MIN_INFORMATION_RATIO = 1e-11  # of a value's own information: directions with less are not tested
+MIN_PRIOR_FACTOR = 1e-4  # on the stated variance of unknowns with priors
+STATED_SIGMA_LEVEL = 0.99  # of the test that a stated σ is too large
 MIN_PARAMETER_INFORMATION = 1.0  # of a value that is tested: σ of 1 m, rad, px or 100 %
 
 
@@ -82,9 +84,49 @@ class NoiseTerm:
         square = x @ (self.H @ x) + 2 * x @ (self.G @ theta) + theta @ self.K @ theta
         return max(self.squared_residuals + 2 * linear + square, 0.0)
 
-    def variance_factor(self, squares: float) -> float:
-        """Return the factor on the variance that suits a sum of squares; 1 without terms."""
+    def variance_factor(self, squares: float, previous: float) -> float:
+        """Return the factor on the variance that suits a sum of squares; 1 without terms.
+
+        previous: the factor with which these squares were found.
+        """
         return max(self.min_variance_factor, squares / self.n_terms) if self.n_terms else 1.0
+
+    def cost(self, factor: float, squares: float) -> float:
+        """Return -2 times the log likelihood with a factor on the variance, but for a constant."""
+        return self.n_terms * float(np.log(factor)) + squares / factor
+
+
+class PriorNoiseTerm(NoiseTerm):
+    """The terms of unknowns with priors of one σ, which was stated and may be too large.
+
+    information: (k,) what the data tell about them, in units of their priors, along independent
+    directions. stated_factor: the factor on the variance that gives the stated σ. A factor is found
+    by the evidence (MacKay 1992); it is below the stated one only if the stated σ cannot be true.
+    """
+
+    def __init__(
+        self,
+        blocks: Sequence[ScoreBlock],
+        n: int,
+        p: int,
+        *,
+        information: np.ndarray,
+        stated_factor: float,
+    ) -> None:
+        super().__init__(blocks, n, p, min_variance_factor=MIN_PRIOR_FACTOR * stated_factor)
+        self.information, self.stated_factor = information, stated_factor
+
+    def variance_factor(self, squares: float, previous: float) -> float:
+        known = previous * self.information
+        n_determined = float(np.sum(known / (1 + known)))
+        if not n_determined:
+            return previous
+        least = squares / float(stats.chi2.ppf(1 - STATED_SIGMA_LEVEL, n_determined))
+        lower = min(self.stated_factor, max(self.min_variance_factor, least))
+        return max(lower, squares / n_determined)
+
+    def cost(self, factor: float, squares: float) -> float:
+        return float(np.sum(np.log1p(factor * self.information))) + squares / factor
 
 
 class ScoreSystem:
@@ -158,13 +200,13 @@ class ScoreStep:
 
 def fit_score_step(terms: Mapping[str, NoiseTerm], free: np.ndarray) -> ScoreStep:
     """Return the step with some values free, by index (f,), and every noise at its best."""
-    factors = {k: t.variance_factor(t.squared_residuals) for k, t in terms.items()}
+    factors = {k: t.variance_factor(t.squared_residuals, 1.0) for k, t in terms.items()}
     for _ in range(N_NOISE_RESCALINGS):
         system = ScoreSystem(terms, factors)
         x, theta = system.newton_step(free)
         squares = {k: t.squares_after(x, theta) for k, t in terms.items()}
-        factors = {k: t.variance_factor(squares[k]) for k, t in terms.items()}
-    cost = sum(t.n_terms * np.log(factors[k]) + squares[k] / factors[k] for k, t in terms.items())
+        factors = {k: t.variance_factor(squares[k], factors[k]) for k, t in terms.items()}
+    cost = sum(t.cost(factors[k], squares[k]) for k, t in terms.items())
     return ScoreStep(
         free_index=free,
         x=x,

@@ -11,7 +11,8 @@ from calib.estimation.corrections.number_wording import format_twist_sigma
 from calib.estimation.estimation_problem import MeasurementGroup, Placement, Setup
 from calib.geometry.se3 import adjoint, invert_pose
 
-TARGET_SLIP, SENSOR_BUMP = SESSION_SHIFT_NAMES = "target_slip", "sensor_bump"
+TARGET_SLIP, SENSOR_BUMP, ROBOT_KNOCK = "target_slip", "sensor_bump", "robot_knock"
+SESSION_SHIFT_NAMES = TARGET_SLIP, SENSOR_BUMP, ROBOT_KNOCK
 MIN_SHIFT_PLACEMENTS = 6  # a session with fewer placements is not tested for shifts
 SHIFT_CUT_SHARES = (0.25, 0.5, 0.75)  # of the placements, after which a shift is tested
 SPLIT_REMEDY = "calibrate what comes before and after as sessions of their own (from_s, to_s)"

@@ -56,6 +56,13 @@ def assign(
     # Where the beam meets the surface: noise along the beam does not move this point.
     hit = q + gap[:, None] * beams
     trust *= taper_weight(target.distance_inside_rim(hit) - options["edge_margin_m"], EDGE_TAPER_M)
+    if isinstance(target, Board):
+        spot = model.spot_radius(ranges)
+        trust = np.where(target.is_left_out(hit, spot), 0.0, trust)
+        if model.dark_ranges:
+            p = _correct_dark_ranges(model, target, p, hit, spot)
+            ranges, q, beams = returns_in_target_frame(p, T_sensor_target)
+            gap, cosine = target.distance_along_beam(q.T, beams.T)
     return Assignment(
         candidate_feature=np.zeros(len(p), int) if features is None else features,
         geometric_weight=trust,
@@ -85,6 +92,17 @@ def residual(model: LidarModel, target: Board | Cylinder) -> ResidualExpression:
         return gap * d[3]
 
     return weighted_gap
+
+
+def _correct_dark_ranges(
+    model: LidarModel, board: Board, p: np.ndarray, hit: np.ndarray, spot_radius: np.ndarray
+) -> np.ndarray:
+    """Return the returns p (n, 3) without what dark parts of a board add to their ranges.
+
+    By where their beams hit it (n, 3): noise along a beam does not move the dark share of its spot.
+    """
+    excess = board.pattern_darkness(hit, spot_radius) @ np.array(model.dark_ranges)
+    return p * (1 - excess / np.maximum(np.linalg.norm(p, axis=1), 1e-9))[:, None]
 
 
 def returns_in_target_frame(

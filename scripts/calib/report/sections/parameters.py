@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calib.geometry.units import MM_PER_M, MS_PER_S
+from calib.geometry.units import MM_PER_M, MS_PER_S, SHARE_TO_PERCENT
 from calib.report.data.run_data import ReportRun
 from calib.report.number_format import format_decimals, format_number
 from calib.report.sections.extrinsics import tabulate_pose
@@ -17,6 +17,7 @@ CORRECTION_LABELS = {
     "beam_width": "width of the beams",
     "beam_offsets": "ranges of single beams",
     "range_bias": "ranges",
+    "dark_ranges": "ranges of dark squares",
 }
 
 
@@ -36,6 +37,10 @@ def tabulate_nuisance_parameters(run: ReportRun) -> list[NuisanceParameter]:
     rows += [
         NuisanceParameter(f"time offset of the stream of {name}", _format_ms(offset))
         for name, offset in sorted(calibration["mocap_offsets_s"].items())
+    ]
+    rows += [
+        NuisanceParameter(f"scale of the motion capture in {name}", _format_scale_error(scale))
+        for name, scale in sorted(calibration["mocap_scales"].items())
     ]
     rows += [
         NuisanceParameter(f"mount of {name} in its MCS body", _format_mount(run, name, block))
@@ -94,6 +99,13 @@ def _format_ms(offset_s: dict[str, float]) -> str:
     """Format an offset, s, with its σ: `25.123 ± 0.14 ms`."""
     value = format_decimals(offset_s["value"] * MS_PER_S, 3)
     return f"{value} ± {format_number(offset_s['sigma'] * MS_PER_S, 2)} ms"
+
+
+def _format_scale_error(scale: dict[str, float]) -> str:
+    """Format the error of a scale, a share, with its σ: `distances 0.401 ± 0.06 % too long`."""
+    value, sigma = (SHARE_TO_PERCENT * scale[key] for key in ("value", "sigma"))
+    side = "long" if value > 0 else "short"
+    return f"distances {abs(value):.3f} ± {format_number(sigma, 2)} % too {side}"
 
 
 def _format_clock_drift(block: dict[str, Any]) -> str:

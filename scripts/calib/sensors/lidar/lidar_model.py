@@ -16,8 +16,10 @@ class LidarModel:
     range_sigma, the initial value. Corrections, as far as estimated: range_bias, by which all
     ranges are too long; range_offsets, those of ring 0, 1, … in addition; beam_width (m, rad), by
     which outlines appear wider all round: the first, plus the second times the range; outline_twist
-    (6,), from the lidar's pose to the pose that the outlines in its scans give. beam_range_sigma
-    and beam_width_sigma are the priors of one beam's range and of the width.
+    (6,), from the lidar's pose to the pose that the outlines in its scans give; dark_ranges, by
+    which the ranges of dark squares are too long, of each colour if nobody says which is dark.
+    beam_range_sigma and beam_width_sigma are the priors of one beam's range and of the width.
+    beam_divergence: full angle of a beam.
     """
 
     azimuth_step: float
@@ -32,6 +34,8 @@ class LidarModel:
     range_offsets: tuple[float, ...] = ()
     beam_width: tuple[float, ...] = (0.0, 0.0)
     outline_twist: tuple[float, ...] = (0.0,) * 6
+    dark_ranges: tuple[float, ...] = ()
+    beam_divergence: float = 0.0
 
     def correct_ranges(self, xyz: np.ndarray, ring: np.ndarray) -> np.ndarray:
         """Return xyz (n, 3), sensor frame, of rings (n,) without the estimated range errors."""
@@ -54,6 +58,10 @@ class LidarModel:
         width, divergence = self.beam_width
         return width / ranges + divergence
 
+    def spot_radius(self, ranges: np.ndarray) -> np.ndarray:
+        """Return the radius (n,), m, of the spots of beams at ranges (n,), m."""
+        return ranges * self.beam_divergence / 2
+
     @classmethod
     def from_config(cls, config: dict[str, Any]) -> "LidarModel":
         """Make the lidar of a sensor block."""
@@ -70,4 +78,5 @@ class LidarModel:
             range_sigma=config["range_sigma_m"],
             beam_range_sigma=config["beam_range_sigma_m"],
             beam_width_sigma=config["beam_width_sigma_m"],
+            beam_divergence=np.radians(config["beam_divergence_deg"]),
         )

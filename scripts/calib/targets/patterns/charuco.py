@@ -21,6 +21,8 @@ from calib.targets.patterns.image_region import (
     make_grid_cells,
 )
 
+PRINT_PX_PER_SQUARE = 64  # of the print that tells how dark a point is
+
 
 @dataclass(frozen=True)
 class Charuco:
@@ -69,6 +71,16 @@ class Charuco:
         xy = self.square_m * (self._cells + 1 - np.array(self.n_squares) / 2)
         return np.column_stack([xy, np.zeros(len(xy))])
 
+    def darkness(self, xy: np.ndarray) -> np.ndarray:
+        size = self.square_m * np.array(self.n_squares)
+        pixel = np.floor(PRINT_PX_PER_SQUARE * (xy + size / 2) / self.square_m).astype(int)
+        n_columns, n_rows = PRINT_PX_PER_SQUARE * np.array(self.n_squares)
+        column, row = pixel[:, 0], n_rows - 1 - pixel[:, 1]
+        is_print = (column >= 0) & (column < n_columns) & (row >= 0) & (row < n_rows)
+        dark = np.zeros((len(xy), 1))
+        dark[is_print, 0] = 1 - self._print[row[is_print], column[is_print]] / 255
+        return dark
+
     def with_scale(self, factor: float) -> "Charuco":
         return replace(self, square_m=self.square_m * factor, marker_m=self.marker_m * factor)
 
@@ -77,11 +89,21 @@ class Charuco:
         return np.arange(len(self._cells))[None]
 
     @cached_property
+    def _print(self) -> np.ndarray:
+        """The board as it is printed, (h, w) uint8, rows down."""
+        size = tuple(PRINT_PX_PER_SQUARE * n for n in self.n_squares)
+        return self._board.generateImage(size, marginSize=0)
+
+    @cached_property
     def _detector(self) -> cv2.aruco.CharucoDetector:
+        return cv2.aruco.CharucoDetector(self._board)
+
+    @cached_property
+    def _board(self) -> cv2.aruco.CharucoBoard:
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
         board = cv2.aruco.CharucoBoard(self.n_squares, self.square_m, self.marker_m, dictionary)
         board.setLegacyPattern(self.is_legacy)
-        return cv2.aruco.CharucoDetector(board)
+        return board
 
     def _detect_corners(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return indices (m,) into corners() of visible corners, and rough pixels (m, 2)."""

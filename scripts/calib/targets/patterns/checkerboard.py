@@ -81,6 +81,16 @@ class Checkerboard:
         grid = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
         return np.column_stack([grid, np.zeros(len(grid))])
 
+    def darkness(self, xy: np.ndarray) -> np.ndarray:
+        cell = np.floor((xy - self.outline[0]) / self.square_m).astype(int)
+        counts = [self.n_columns + 1, self.n_rows + 1]
+        is_square = np.all((cell >= 0) & (cell < counts), axis=1)
+        is_odd = cell.sum(1) % 2 == 1
+        colours = np.column_stack([is_square & ~is_odd, is_square & is_odd]).astype(float)
+        if self.first_square_color is None:
+            return colours
+        return colours[:, :1] if self.first_square_color == "black" else colours[:, 1:]
+
     def with_scale(self, factor: float) -> "Checkerboard":
         middle = self.corners()[:, :2].mean(0)
         first = middle + factor * (np.asarray(self.first_corner) - middle)

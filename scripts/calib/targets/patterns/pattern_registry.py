@@ -48,6 +48,12 @@ class TargetPattern(Protocol):
     def corner_orders(self) -> np.ndarray:
         """Return (k, n) indices into corners(): each row a way to read the detected order."""
 
+    def darkness(self, xy: np.ndarray) -> np.ndarray:
+        """Return how dark (n, 1), from 0 to 1, the print is at points (n, 2); 0 beside it.
+
+        (n, 2) if the config does not say which colour is black: 1 on squares of each colour.
+        """
+
     def with_scale(self, factor: float) -> Self:
         """Return the pattern enlarged by a factor about its own middle."""
 
