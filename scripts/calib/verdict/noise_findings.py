@@ -4,7 +4,6 @@ Noise is judged by absolute limits and, through σ, by what it does to the poses
 is above what an ideal measurement would allow is said in words only.
 """
 
-from dataclasses import replace
 from typing import Any
 
 from calib.geometry.units import DEG_PER_RAD, MM_PER_M, SHARE_TO_PERCENT
@@ -134,21 +133,17 @@ def mocap_findings(solution: dict[str, Any], limits: Limits, has_systematic: boo
 
     has_systematic: an error that is not estimated is told beside; a larger σ would hide it.
     """
-    scatter, text, remedy = (
-        solution["noise"]["mocap_scatter"],
-        MOCAP_FACTOR.text,
-        CAUSE_FIRST_REMEDY,
-    )
-    out = []
-    if scatter:
-        configured, estimated = (_format_sigma(scatter[k]) for k in ("configured", "estimated"))
-        text += f": they scatter by {estimated}; the config states {configured}"
-        for check, key, unit in ((MOCAP_NOISE_M, "m", 1.0), (MOCAP_NOISE_DEG, "rad", DEG_PER_RAD)):
-            out += check_limit(check, scatter["estimated"][key] * unit, limits)
+    scatter, remedy = solution["noise"]["mocap_scatter"], CAUSE_FIRST_REMEDY
     if not has_systematic:
         remedy = MOCAP_FACTOR.remedy + (_pose_bias_remedy(scatter["estimated"]) if scatter else "")
-    factor = solution["noise"]["mocap_factor"]
-    return check_limit(replace(MOCAP_FACTOR, text=text), factor, limits, remedy=remedy) + out
+    out = check_limit(MOCAP_FACTOR, solution["noise"]["mocap_factor"], limits, remedy=remedy)
+    if scatter:
+        configured, estimated = (_format_sigma(scatter[k]) for k in ("configured", "estimated"))
+        for finding in out:
+            finding["text"] += f"; they scatter by {estimated}, and the config states {configured}"
+        for check, key, unit in ((MOCAP_NOISE_M, "m", 1.0), (MOCAP_NOISE_DEG, "rad", DEG_PER_RAD)):
+            out += check_limit(check, scatter["estimated"][key] * unit, limits)
+    return out
 
 
 def _format_sigma(sigma: dict[str, float]) -> str:

@@ -257,7 +257,7 @@ def test_errors_of_the_motion_capture_are_told_in_mm_and_degrees(clean):
 
     level, (only,), _ = told(clean, spoil)
     assert level == "warn"
-    assert "they scatter by 1.4 mm, 0.14°; the config states 0.15 mm, 0.02°" in only["text"]
+    assert "; they scatter by 1.4 mm, 0.14°, and the config states 0.15 mm, 0.02°" in only["text"]
     assert "mocap.pose_bias_sigma: {xyz_m: 0.0014, rpy_deg: 0.14}" in only["remedy"]
     scatter["estimated"]["m"] = 0.06
     assert told(clean, spoil)[0] == "fail"
