@@ -19,9 +19,10 @@ from calib.io.parquet_tables import read_table
 from calib.io.stage_cli import StageArgumentParser, logger, read_json, run_stage, write_json
 from calib.io.table_schemas import FRAMES_SCHEMA, MOCAP_SCHEMA
 from calib.report.page.preflight_text import format_preflight
-from calib.verdict.preflight_findings import preflight_rig_findings
+from calib.verdict.preflight_findings import preflight_rig_findings, reject_floating_sensors
+from calib.verdict.preflight_guess import PreflightSession
 from calib.verdict.preflight_json import sensor_visibility_json, target_turns_json
-from calib.verdict.preflight_visibility import PreflightSession, assess_sensor_visibility
+from calib.verdict.preflight_visibility import assess_rig_visibility
 from calib.views.target_placements import PlacementTable
 
 
@@ -53,14 +54,8 @@ def preflight_json(
     sessions: dict[str, PreflightSession], options: dict[str, Any]
 ) -> dict[str, Any]:
     """Return the content of preflight.json."""
-    visibility = {
-        sensor: {
-            name: assess_sensor_visibility(session, sensor, options)
-            for name, session in sessions.items()
-            if sensor in session.streams
-        }
-        for sensor in sorted(options["sensors"])
-    }
+    visibility = assess_rig_visibility(sessions, options)
+    visibility = reject_floating_sensors(visibility, sessions, options)
     verdict = preflight_rig_findings(sessions, visibility, options)
     return {
         "rig": options["rig"],

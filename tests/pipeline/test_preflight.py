@@ -210,4 +210,4 @@ def test_turns_about_one_axis_only_ask_to_tilt_the_target(tmp_path):
     assert "T_body_target of board is undetermined in translation along y" in finding["text"]
     most, second, least = found["targets"]["board"]["rotation_spread_deg"]
     assert most > 10 and second < 0.1 and least < 0.1
-    assert "board   6      17°, 0°, 0°" in text
+    assert "board   6          17°, 0°, 0°" in text

@@ -3,6 +3,7 @@
 To add a kind of sensor: write a class that follows SensorProbe, and add it to PROBE_BY_KIND.
 """
 
+from collections import Counter
 from typing import Any, Protocol
 
 import numpy as np
@@ -31,6 +32,8 @@ from calib.sensors.lidar.clouds.cloud_messages import (
 from calib.sensors.lidar.clouds.point_time_inference import CloudSample
 
 N_LAYOUT_SAMPLES = 10  # clouds that a layout is inferred from
+N_IMAGE_SAMPLES = 3  # images that the size is taken from, by majority
+MAX_ASPECT_ERROR = 0.01  # of two sizes of images of the same shape
 MAX_PROBED_MESSAGES = 50  # messages that are tried until enough are readable
 
 
@@ -101,27 +104,34 @@ class LidarProbe:
 
 
 class CameraProbe:
-    """Looks at one image of a camera, and at its CameraInfo."""
+    """Looks at a few images of a camera, and at its CameraInfo."""
 
     message_types, refused_types = tuple(IMAGE_TYPES), UNSUPPORTED_IMAGE_TYPES
 
     def __init__(self, config: dict[str, Any]) -> None:
         self.config, self.n_tried, self.first_error = config, 0, ""
-        self.size_px: list[int] | None = None
+        self.sizes_px: list[tuple[int, int]] = []
         self.encoding = ""
         self.camera_infos: list[Any] = []
 
     def add_message(self, message: LogMessage) -> None:
         """Look at a message of the sensor's topic."""
-        if self.size_px or self.n_tried == MAX_PROBED_MESSAGES:
+        if len(self.sizes_px) == N_IMAGE_SAMPLES or self.n_tried == MAX_PROBED_MESSAGES:
             return
         self.n_tried += 1
         try:
             image = message.content
             self.encoding = getattr(image, "encoding", "") or getattr(image, "format", "")
-            self.size_px = list(read_bgr(image).shape[1::-1])
+            height, width = read_bgr(image).shape[:2]
+            self.sizes_px.append((width, height))
         except InputError as error:
             self.first_error = self.first_error or str(error)
+
+    @property
+    def size_px(self) -> list[int] | None:
+        """Width and height of most images; None if none was readable."""
+        counts = Counter(self.sizes_px).most_common(1)
+        return list(counts[0][0]) if counts else None
 
     def add_camera_info(self, message: Any) -> None:
         """Keep the first CameraInfo, and the first that differs from it."""
@@ -138,7 +148,7 @@ class CameraProbe:
             return {}, _unreadable_status("images", self.n_tried, self.first_error)
         inferred = {"image": f"{self.encoding}, {self.size_px[0]} x {self.size_px[1]} px"}
         if "camera_info" not in self.config:
-            return {"inferred": inferred}, OK
+            return {"inferred": inferred}, self._stated_size_status(self.size_px)
         try:
             camera, inferred["lens"] = self._camera_block(topics)
         except CameraInfoError as error:
@@ -171,6 +181,25 @@ class CameraProbe:
                     f"Remove {key} from the rig, or set params as well and remove camera_info.",
                 )
         return camera, source
+
+    def _stated_size_status(self, image_size_px: list[int]) -> Status:
+        """Return ok if the images have the size that the rig states for its lens."""
+        stated = self.config.get("size_px", image_size_px)
+        if stated == image_size_px:
+            return OK
+        scale, other = (a / b for a, b in zip(image_size_px, stated, strict=True))
+        remedy = "Set size_px and params to a calibration for images of this size."
+        if abs(scale / other - 1) < MAX_ASPECT_ERROR:
+            remedy = (
+                f"Set size_px: {image_size_px}. If the camera scales or bins its images, also "
+                f"multiply the first four of params (fx, fy, cx, cy) by {scale:.4g}."
+            )
+        return failure_status(
+            "images are not of the stated size_px",
+            f"images of {image_size_px[0]} x {image_size_px[1]} px",
+            f"{stated[0]} x {stated[1]} px (size_px)",
+            remedy,
+        )
 
     def _size_mismatch_status(self, image_size_px: list[int], info_size_px: list[int]) -> Status:
         return failure_status(

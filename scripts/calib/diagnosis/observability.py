@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calib.estimation.nlp.information_matrix import decompose_information
-from calib.geometry.se3 import mean_pose
+from calib.geometry.rotation_spread import rotation_spread_deg
 from calib.geometry.units import DEG_PER_RAD, MM_PER_M
+from calib.targets.board import Board
 
 UNDETERMINED_SIGMA = 0.5  # m or rad: a direction with a larger σ counts as undetermined
 LEVER_ARM_M = 1.0  # distance at which a rotation is compared with a translation
@@ -139,13 +140,14 @@ def least_certain_direction(sensor_covariance: np.ndarray) -> PrincipalDirection
 
 
 def normals_and_axes(targets: Sequence[Any], T_robot_target: np.ndarray) -> TargetDirections:
-    """Return {"normals": (k, 3), "axes": (m, 3)} of flat and of round targets, robot frame.
+    """Return {"normals": (k, 3), "axes": (m, 3)} of boards and of round targets, robot frame.
 
-    targets: n shapes. T_robot_target: (n, 4, 4).
+    targets: n shapes. T_robot_target: (n, 4, 4). A template cloud has neither.
     """
-    is_flat = np.array([len(t.outline_edges()) > 0 for t in targets], bool)
+    is_flat = np.array([isinstance(t, Board) for t in targets], bool)
+    is_round = np.array([bool(t.symmetry_axes) for t in targets], bool)
     T = np.reshape(T_robot_target, (-1, 4, 4))
-    return {"normals": T[is_flat, :3, 2], "axes": T[~is_flat, :3, 0]}
+    return {"normals": T[is_flat, :3, 2], "axes": T[is_round, :3, 0]}
 
 
 def largest_angle_deg(directions: np.ndarray) -> float | None:
@@ -159,16 +161,6 @@ def direction_spread_deg(directions: TargetDirections) -> dict[str, float]:
     """Return the largest angle, deg, between normals and between axes, where there are two."""
     angles = {kind: largest_angle_deg(lines) for kind, lines in directions.items()}
     return {kind: angle for kind, angle in angles.items() if angle is not None}
-
-
-def rotation_spread_deg(T_body: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return by how much poses (n, 4, 4), n ≥ 3, rotate about their mean, and about which axes.
-
-    The rms (3,), deg, largest first, and the axes, rows (3, 3) in the body frame.
-    """
-    _, xi = mean_pose(T_body)
-    _, size, axes = np.linalg.svd(xi[:, 3:], full_matrices=False)
-    return np.degrees(size) / np.sqrt(len(xi)), axes
 
 
 def single_rotation_axis(T_body: np.ndarray) -> np.ndarray | None:

@@ -1,5 +1,6 @@
 """Status of each sensor after the solve: whether the data determine its pose, and what to do."""
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,6 +13,7 @@ from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.pose_chain import T_sensor_target, model_with_corrections
 from calib.estimation.residuals.pattern_corner import score_labellings
 from calib.geometry.se3 import transform_points
+from calib.initial_guess.hand_eye import check_mount_placements, name_target_in_status
 from calib.io.status import OK, Status, failure_status
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.lidar.lidar_model import LidarModel
@@ -49,6 +51,40 @@ def sensor_status(
     if not result.solved.has_converged:
         return failure_status(f"IPOPT ended with {result.solved.status}", remedy="See solve.log.")
     return OK
+
+
+def find_floating_sensors(
+    targets_by_sensor: Mapping[str, Collection[str]], T_robot_body: Mapping[str, np.ndarray]
+) -> dict[str, Status]:
+    """Return a status for each sensor whose targets have unknown mounts that nothing determines.
+
+    targets_by_sensor: names of the targets that each sensor sees. T_robot_body: (n, 4, 4) of the
+    placements of each target with unknown mount. A mount is determined by rotations of its target
+    about two axes, or by a sensor that also sees another target whose mount is known.
+    """
+    open_mounts = {name: check_mount_placements(T, False) for name, T in T_robot_body.items()}
+    open_mounts = {name: status for name, status in open_mounts.items() if not status.ok}
+    floating = {name: set(seen) for name, seen in targets_by_sensor.items() if seen}
+    while held := [n for n, seen in floating.items() if not seen <= set(open_mounts)]:
+        for sensor in held:
+            for target in floating.pop(sensor):
+                open_mounts.pop(target, None)
+    return {
+        sensor: name_target_in_status(open_mounts[min(seen)], min(seen))
+        for sensor, seen in floating.items()
+    }
+
+
+def find_floating_sensors_of_setup(setup: Setup) -> dict[str, Status]:
+    """Return the floating sensors (find_floating_sensors) of a setup."""
+    targets_by_sensor: dict[str, set[str]] = {name: set() for name in setup.models}
+    for group in setup.groups:
+        targets_by_sensor[group.sensor].add(setup.placements[group.placement].target)
+    T_robot_body = {
+        name: np.array([p.T_robot_body for p in setup.placements if p.target == name])
+        for name in setup.initial_mounts
+    }
+    return find_floating_sensors(targets_by_sensor, T_robot_body)
 
 
 def flipped_pattern_status(sensor: str, flipped: FlippedPattern) -> Status:

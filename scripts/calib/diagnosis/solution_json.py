@@ -10,7 +10,7 @@ from calib.diagnosis.leave_one_out import leave_one_out
 from calib.diagnosis.observability import MOUNT_DIRECTION_NAMES
 from calib.diagnosis.residual_statistics import influences_json
 from calib.diagnosis.sensor_json import SolvedSensors, sensor_json, undetermined_directions_json
-from calib.diagnosis.sensor_status import sensor_status
+from calib.diagnosis.sensor_status import find_floating_sensors_of_setup, sensor_status
 from calib.estimation.corrections.board_shape import board_shapes_json
 from calib.estimation.corrections.clock_offset import stream_lags_json
 from calib.estimation.corrections.mocap.mocap_scale import mocap_scales_json
@@ -78,10 +78,12 @@ def _solved_sensors(
     status_and_guess: dict[str, tuple[Status, dict[str, Any]]],
 ) -> SolvedSensors:
     undetermined = {n: undetermined_directions_json(setup, result, n) for n in sorted(setup.models)}
+    floating = find_floating_sensors_of_setup(setup)
     statuses = {
         name: before
         if not before.ok
-        else sensor_status(setup, result, name, [d["description"] for d in undetermined[name]])
+        else floating.get(name)
+        or sensor_status(setup, result, name, [d["description"] for d in undetermined[name]])
         for name, (before, _) in status_and_guess.items()
     }
     names = [n for n in sorted(setup.models) if statuses[n].ok]

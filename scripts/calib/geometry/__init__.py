@@ -1,6 +1,7 @@
 """Geometry without files.
 
 se3              rigid motions, their exponential and covariance
+rotation_spread  rotations of poses about their main axes
 frame_graph      frames joined by transforms
 polygon          distances to a polygon of the plane
 ransac_plane     the plane that most points lie on

@@ -54,6 +54,11 @@ class BlobFit(NamedTuple):
     sigma: np.ndarray
 
 
+def count_required_blobs(options: dict[str, Any]) -> int:
+    """Return how many placements must agree on a pose by colour. options: block `guess`."""
+    return max(MIN_BLOB_PLACEMENTS, options["min_placements"])
+
+
 def find_camera_from_blobs(
     camera: CameraModel,
     targets: Mapping[str, TargetShape],
@@ -71,7 +76,7 @@ def find_camera_from_blobs(
         blobs += [] if features is None else [BlobView(sample, features)]
         if len(blobs) >= options["max_pattern_images"]:
             break
-    n_required = max(MIN_BLOB_PLACEMENTS, options["min_placements"])
+    n_required = count_required_blobs(options)
     pose = BlobPose(None, np.zeros(0, int))
     if len(blobs) >= n_required:
         pose = find_best_blob_pose(camera, targets, blobs)

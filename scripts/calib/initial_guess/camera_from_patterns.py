@@ -4,7 +4,7 @@ Each image alone gives the pose, up to a few readings of the pattern; the readin
 placements agree is right.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from calib.geometry.se3 import invert_pose, mean_pose, transform_points
 from calib.initial_guess.bearing_pnp import solve_planar_pnp
-from calib.initial_guess.camera_from_blobs import find_camera_from_blobs
+from calib.initial_guess.camera_from_blobs import count_required_blobs, find_camera_from_blobs
 from calib.initial_guess.initial_guess import PoseGuess
 from calib.initial_guess.pose_voting import (
     PoseTolerance,
@@ -22,8 +22,10 @@ from calib.initial_guess.pose_voting import (
     is_decisive,
     min_pose_sigma,
     no_consensus_status,
+    too_few_samples_status,
     vote_for_pose,
 )
+from calib.io.status import OK, Status
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.images.image_messages import to_grey
 from calib.targets.target_shapes import TargetShape
@@ -75,6 +77,20 @@ def find_camera_pose(
         return by_pattern
     by_color = find_camera_from_blobs(camera, targets, samples, read_frame, options)
     return by_color if by_color.status.ok or not n_found else by_pattern
+
+
+def check_camera_samples(
+    targets: Mapping[str, TargetShape], sampled_targets: Sequence[str], options: dict[str, Any]
+) -> Status:
+    """Return ok if there are enough placements to search a camera's pose in (SampleCheck)."""
+    n_pattern = sum(targets[name].pattern is not None for name in sampled_targets)
+    n_color = sum(targets[name].color is not None for name in sampled_targets)
+    n_required = options["min_placements"]
+    if n_pattern >= n_required or n_color >= count_required_blobs(options):
+        return OK
+    if n_pattern or not n_color:
+        return too_few_samples_status("target with a pattern", n_pattern, n_required)
+    return too_few_samples_status("target with a color", n_color, count_required_blobs(options))
 
 
 def read_pattern_poses(

@@ -7,17 +7,27 @@ Kabsch algorithm on their rotation vectors). A prior of the camera's pose helps 
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations, product
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from calib.geometry.se3 import invert_pose, make_pose, mean_pose, se3_exp, se3_log, so3_log
+from calib.geometry.rotation_spread import rotation_spread_deg
+from calib.geometry.se3 import (
+    adjoint,
+    invert_pose,
+    make_pose,
+    mean_pose,
+    se3_exp,
+    se3_log,
+    so3_log,
+)
 from calib.initial_guess.camera_from_patterns import read_pattern_poses
 from calib.initial_guess.initial_guess import PoseGuess
 from calib.initial_guess.pose_voting import PoseTolerance, vote_for_pose
-from calib.io.status import Status, failure_status
+from calib.io.status import OK, Status, failure_status
 from calib.sensors.camera.camera_model import CameraModel
 from calib.targets.target_shapes import TargetShape
 from calib.views.initial_guess_frames import FrameSample, read_samples
@@ -27,7 +37,10 @@ MIN_MOUNT_PLACEMENTS = 3  # two relative motions
 MAX_START_PLACEMENTS = 6  # of which every three give a pose to start from
 INITIAL_IMAGE_POSE_SIGMA = np.repeat([0.005, np.radians(0.3)], 3)  # of a pose from one image
 MIN_MOUNT_SIGMA = np.repeat([0.001, np.radians(0.05)], 3)
-MIN_SECOND_AXIS_RATIO = 0.03  # of the singular values of two rotation axes
+MAX_MOUNT_SIGMA = np.repeat([0.15, np.radians(12)], 3)  # beyond which a mount is not determined
+# Two rotation axes, of which at least one limit holds: the ratio of the squares of their rotations,
+# and the rms of the second rotation, rad.
+MIN_SECOND_AXIS_RATIO, MIN_SECOND_ROTATION = 0.03, np.radians(1.5)
 
 
 class PatternView(NamedTuple):
@@ -69,10 +82,48 @@ def find_mount(
     return solve_mount(views, camera_prior, PoseTolerance.from_options(options))
 
 
+def check_mount_placements(T_robot_body: np.ndarray, has_camera_prior: bool) -> Status:
+    """Return ok if images at n placements can determine T_body_target, else why they cannot.
+
+    T_robot_body: (n, 4, 4). Stages guess and solve, and preflight, decide by this function.
+    """
+    n = len(T_robot_body)
+    if n < MIN_MOUNT_PLACEMENTS:
+        return _too_few_placements_status(n)
+    if has_camera_prior:
+        return OK
+    sigma = predict_mount_sigma(T_robot_body)
+    return OK if (sigma <= MAX_MOUNT_SIGMA).all() else _single_axis_status(T_robot_body, sigma)
+
+
+def name_target_in_status(status: Status, target_name: str) -> Status:
+    """Return the status of a mount with the name of the target in its reason."""
+    return replace(
+        status, reason=status.reason.replace("T_body_target", f"T_body_target of {target_name}", 1)
+    )
+
+
+def predict_mount_sigma(T_robot_body: np.ndarray) -> np.ndarray:
+    """Return σ (6,), m and rad, of a target's pose in its body that n images would give.
+
+    T_robot_body: (n, 4, 4). The pose of the camera is unknown, σ of an image is
+    INITIAL_IMAGE_POSE_SIGMA. The result does not depend on where the camera is.
+    """
+    camera = -adjoint(invert_pose(T_robot_body))
+    mount = np.broadcast_to(np.eye(6), camera.shape)
+    J = np.concatenate([camera, mount], axis=2) / INITIAL_IMAGE_POSE_SIGMA[:, None]
+    information = np.einsum("kia,kib->ab", J, J) + 1e-9 * np.eye(12)
+    return np.sqrt(np.diag(np.linalg.inv(information))[6:])
+
+
 def solve_mount(
     views: Sequence[PatternView], camera_prior: PoseGuess | None, tolerance: PoseTolerance
 ) -> PoseGuess:
     """Solve T_body_target from the readings of a pattern in several placements."""
+    placed = np.array([body for body, _ in views])
+    status = check_mount_placements(placed, camera_prior is not None)
+    if not status.ok:
+        return PoseGuess(status=status)
     T_robot_body = np.array([body for body, readings in views for _ in readings])
     T_camera_target = np.array([reading for _, readings in views for reading in readings])
     group = np.repeat(np.arange(len(views)), [len(readings) for _, readings in views])
@@ -87,7 +138,7 @@ def solve_mount(
         return PoseGuess(status=_disagreement_status(len(rows), len(views)))
     fit = fit_mount(T_start, T_robot_body[rows], T_camera_target[rows], camera_prior)
     if (fit.sigma > np.repeat(tolerance, 3)).any():
-        return PoseGuess(status=_single_axis_status(len(rows), fit.sigma))
+        return PoseGuess(status=_single_axis_status(T_robot_body[rows], fit.sigma))
     basis = f"the pattern in {len(rows)} of {len(views)} images that show one"
     return PoseGuess(fit.T_body_target, np.maximum(fit.sigma, MIN_MOUNT_SIGMA), basis)
 
@@ -112,7 +163,7 @@ def solve_hand_eye(T_robot_body: np.ndarray, T_camera_target: np.ndarray) -> np.
     A, D = (P[j] @ invert_pose(P[i]) for P in (T_robot_body, T_camera_target))
     robot_rotations, camera_rotations = (so3_log(P[:, :3, :3]) for P in (A, D))
     u, s, vt = np.linalg.svd(robot_rotations.T @ camera_rotations)
-    if s[1] < MIN_SECOND_AXIS_RATIO * s[0]:
+    if s[1] < min(MIN_SECOND_AXIS_RATIO * s[0], len(i) * MIN_SECOND_ROTATION**2):
         return None
     R = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
     coefficients = (A[:, :3, :3] - np.eye(3)).reshape(-1, 3)
@@ -169,11 +220,22 @@ def _disagreement_status(n_agreeing: int, n_found: int) -> Status:
     )
 
 
-def _single_axis_status(n_agreeing: int, sigma: np.ndarray) -> Status:
+def _too_few_placements_status(n: int) -> Status:
+    return failure_status(
+        "T_body_target is unknown and not found in the data",
+        f"{n} placements",
+        f"{MIN_MOUNT_PLACEMENTS} or more",
+        "Hold the target still in front of a camera at more poses, or measure T_body_target.",
+    )
+
+
+def _single_axis_status(T_robot_body: np.ndarray, sigma: np.ndarray) -> Status:
+    """Return the status of a mount that placements (n, 4, 4) leave as uncertain as sigma (6,)."""
+    turns = ", ".join(f"{angle:.0f}°" for angle in rotation_spread_deg(T_robot_body)[0])
     return failure_status(
         "T_body_target is not determined: all rotations are about one axis",
-        f"{n_agreeing} images, sigma {1000 * sigma[:3].max():.0f} mm and "
-        f"{np.degrees(sigma[3:].max()):.0f} deg",
-        "rotations about two axes",
-        "Record placements tilted about another axis too, or measure T_body_target.",
+        f"{len(T_robot_body)} placements, rotations about their main axes of {turns} (rms)",
+        f"rotations about two axes; they leave σ {min(1000 * sigma[:3].max(), 9999):.0f} mm and "
+        f"{min(np.degrees(sigma[3:].max()), 180):.0f}°",
+        "Record placements tilted by 30° or more about another axis too, or measure T_body_target.",
     )

@@ -3,7 +3,7 @@
 Which candidate is the target is unknown: poses are made from all pairs of candidates, and scored.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,8 +24,10 @@ from calib.initial_guess.pose_voting import (
     is_near_pose,
     min_pose_sigma,
     no_consensus_status,
+    too_few_samples_status,
     undetermined_pose_status,
 )
+from calib.io.status import OK, Status
 from calib.sensors.lidar.lidar_model import LidarModel
 from calib.targets.target_shapes import TargetShape
 from calib.views.initial_guess_frames import FrameSample, read_samples
@@ -74,6 +76,16 @@ def find_lidar_pose(
             rows.append(make_match(candidate, signature, sample.T_robot_target, number))
     matches = CandidateMatches.from_rows(rows)
     return match_pose(matches, len(samples), CANDIDATE_DESCRIPTION, options)
+
+
+def check_lidar_samples(
+    targets: Mapping[str, TargetShape], sampled_targets: Sequence[str], options: dict[str, Any]
+) -> Status:
+    """Return ok if there are enough placements to search a lidar's pose in (SampleCheck)."""
+    n_required = options["min_placements"]
+    if len(sampled_targets) >= n_required:
+        return OK
+    return too_few_samples_status("target", len(sampled_targets), n_required)
 
 
 def match_pose(

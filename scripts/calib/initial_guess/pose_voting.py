@@ -114,6 +114,23 @@ def describe_scatter(xi: np.ndarray) -> str:
     return f"{1000 * shift:.0f} mm and {np.degrees(turn):.1f} deg"
 
 
+def too_few_samples_status(description: str, n_placements: int, n_required: int) -> Status:
+    """Return the status of a search with fewer placements than must agree on a pose."""
+    return failure_status(
+        "no pose found in the data",
+        f"{n_placements} placements of a {description} with a frame of the sensor",
+        f"{n_required} or more",
+        _more_placements_remedy(n_required),
+    )
+
+
+def _more_placements_remedy(n_required: int) -> str:
+    return (
+        f"Hold the target still at {n_required} or more different places in view of this sensor, "
+        "or set T_robot_sensor in the rig. Check the size and `body` of the target."
+    )
+
+
 def no_consensus_status(description: str, counts: SearchCounts) -> Status:
     """Return the status of a search whose placements do not agree on one pose.
 
@@ -135,8 +152,7 @@ def no_consensus_status(description: str, counts: SearchCounts) -> Status:
         "no pose found in the data",
         found,
         f"{counts.n_required} or more that agree",
-        f"Hold the target still at {counts.n_required} or more different places in view of this "
-        "sensor, or set T_robot_sensor in the rig. Check the size and `body` of the target.",
+        _more_placements_remedy(counts.n_required),
     )
 
 

@@ -1,16 +1,16 @@
 """Search time offset, poses and mounts in the log of one session."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
-from calib.initial_guess.camera_from_patterns import find_camera_pose
+from calib.initial_guess.camera_from_patterns import check_camera_samples, find_camera_pose
 from calib.initial_guess.clock_lag import find_clock_lag
-from calib.initial_guess.hand_eye import find_mount
+from calib.initial_guess.hand_eye import MAX_MOUNT_SIGMA, check_mount_placements, find_mount
 from calib.initial_guess.initial_guess import SOURCE_DATA, OffsetGuess, PoseGuess
-from calib.initial_guess.lidar_matching import find_lidar_pose
+from calib.initial_guess.lidar_matching import check_lidar_samples, find_lidar_pose
 from calib.io.parquet_tables import select_rows
 from calib.io.status import Status, failure_status
 from calib.mocap.body_trajectory import trajectory_from_columns
@@ -44,7 +44,26 @@ class PoseSearch(Protocol):
     ) -> PoseGuess: ...
 
 
+class SampleCheck(Protocol):
+    """Return ok if there are enough placements for a search, known before a frame is read.
+
+    sampled_targets: name of the target of each placement with a frame. options: block `guess`.
+    """
+
+    def __call__(
+        self,
+        targets: Mapping[str, TargetShape],
+        sampled_targets: Sequence[str],
+        options: dict[str, Any],
+        /,
+    ) -> Status: ...
+
+
 POSE_SEARCHES: dict[str, PoseSearch] = {"camera": find_camera_pose, "lidar": find_lidar_pose}
+SAMPLE_CHECKS: dict[str, SampleCheck] = {
+    "camera": check_camera_samples,
+    "lidar": check_lidar_samples,
+}
 
 
 @dataclass(frozen=True)
@@ -79,7 +98,7 @@ class SessionSearch:
     def search_time_offset(self, name: str, sensor: dict[str, Any]) -> OffsetGuess:
         """Search the time offset of a sensor from when its data change."""
         assert self.poses is not None  # read if the time offset is searched
-        frames = select_rows(self.frames, self.frames["sensor"] == name)
+        frames = self._sensor_frames(name)
         trajectories = [
             trajectory_from_columns(self.poses, body, self.options["max_gap_s"])
             for body in self.options["bodies"]
@@ -101,48 +120,119 @@ class SessionSearch:
         target = target_from_config(self.options["targets"][target_name])
         guess = PoseGuess(status=_no_camera_status(target_name))
         for name, sensor in cameras.items():
-            samples, read_frame = self.sample_frames(name, sensor, {target_name: np.eye(4)})
-            guess = find_mount(
-                camera_from_config(sensor),
-                target,
-                samples,
-                read_frame,
-                camera_prior=camera_poses.get(name),
-                options=self.options["guess"],
-            )
+            samples = self.sample_placements(name, {target_name: np.eye(4)})
+            T_robot_body = np.reshape([s.T_robot_target for s in samples], (-1, 4, 4))
+            status = check_mount_placements(T_robot_body, name in camera_poses)
+            guess = PoseGuess(status=status)
+            if status.ok:
+                prior = camera_poses.get(name)
+                guess = self.find_mount_in_frames(name, sensor, target, samples, prior=prior)
             if guess.status.ok:
                 break
         return guess
+
+    def find_mount_in_frames(
+        self,
+        name: str,
+        sensor: dict[str, Any],
+        target: TargetShape,
+        samples: list[FrameSample],
+        *,
+        prior: PoseGuess | None,
+    ) -> PoseGuess:
+        """Search T_body_target in samples of a camera, whose pose may be known."""
+        return find_mount(
+            camera_from_config(sensor),
+            target,
+            samples,
+            self._make_reader(name, sensor),
+            camera_prior=prior,
+            options=self.options["guess"],
+        )
 
     def search_sensor_pose(
         self, name: str, sensor: dict[str, Any], mounts: Mapping[str, np.ndarray]
     ) -> PoseGuess:
         """Search T_robot_sensor by the targets with a mount: T_body_target (4, 4) by name."""
         targets = {n: target_from_config(self.options["targets"][n]) for n in mounts}
-        samples, read_frame = self.sample_frames(name, sensor, mounts)
+        samples = self.sample_placements(name, mounts)
         if not samples:
             return PoseGuess(status=_no_frame_status(sorted(mounts)))
-        search = POSE_SEARCHES[sensor["kind"]]
-        model = sensor_model_from_config(sensor)
-        guess = search(model, targets, samples, read_frame, self.options["guess"])
+        sampled_targets = [sample.target for sample in samples]
+        status = SAMPLE_CHECKS[sensor["kind"]](targets, sampled_targets, self.options["guess"])
+        if not status.ok:
+            return PoseGuess(status=status)
+        guess = self.find_pose_in_frames(name, sensor, targets, samples)
         return replace(guess, source=SOURCE_DATA) if guess.status.ok else guess
+
+    def find_pose_in_frames(
+        self,
+        name: str,
+        sensor: dict[str, Any],
+        targets: Mapping[str, TargetShape],
+        samples: list[FrameSample],
+    ) -> PoseGuess:
+        """Search T_robot_sensor in samples of the sensor."""
+        search, model = POSE_SEARCHES[sensor["kind"]], sensor_model_from_config(sensor)
+        read_frame = self._make_reader(name, sensor)
+        return search(model, targets, samples, read_frame, self.options["guess"])
+
+    def _sensor_frames(self, name: str) -> Columns:
+        return select_rows(self.frames, self.frames["sensor"] == name)
+
+    def _make_reader(self, name: str, sensor: dict[str, Any]) -> FrameReader:
+        return make_frame_reader(self.log, sensor, self._sensor_frames(name))
 
     def sample_frames(
         self, name: str, sensor: dict[str, Any], mounts: Mapping[str, np.ndarray]
     ) -> tuple[list[FrameSample], FrameReader]:
         """Return samples of the targets with a mount in the frames of a sensor, and its reader."""
+        return self.sample_placements(name, mounts), self._make_reader(name, sensor)
+
+    def sample_placements(self, name: str, mounts: Mapping[str, np.ndarray]) -> list[FrameSample]:
+        """Return samples of the targets with a mount in the frames of a sensor."""
         assert self.placements is not None
         placements = self.placements.columns
-        frames = select_rows(self.frames, self.frames["sensor"] == name)
         T_robot_target = compute_target_poses(placements, mounts)
-        samples = [
+        return [
             sample
             for target_name in sorted(mounts)
             for sample in choose_frame_samples(
-                frames, placements, T_robot_target, target_name, self.options["guess"]
+                self._sensor_frames(name),
+                placements,
+                T_robot_target,
+                target_name,
+                self.options["guess"],
             )
         ]
-        return samples, make_frame_reader(self.log, sensor, frames)
+
+
+@dataclass(frozen=True)
+class SearchForecast(SessionSearch):
+    """The same searches without the log: they fail where the real ones are certain to fail.
+
+    What may be found is found at the origin.
+    """
+
+    def find_mount_in_frames(
+        self,
+        name: str,
+        sensor: dict[str, Any],
+        target: TargetShape,
+        samples: list[FrameSample],
+        *,
+        prior: PoseGuess | None,
+    ) -> PoseGuess:
+        return PoseGuess(np.eye(4), MAX_MOUNT_SIGMA, source=SOURCE_DATA)
+
+    def find_pose_in_frames(
+        self,
+        name: str,
+        sensor: dict[str, Any],
+        targets: Mapping[str, TargetShape],
+        samples: list[FrameSample],
+    ) -> PoseGuess:
+        return PoseGuess(np.eye(4), MAX_MOUNT_SIGMA, source=SOURCE_DATA)
 
 
 def _no_camera_status(target_name: str) -> Status:

@@ -1,5 +1,6 @@
 """Findings of preflight: what the recordings of a rig support before anything is solved."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,14 +12,21 @@ from calib.diagnosis.observability import (
     normals_and_axes,
     single_rotation_axis,
 )
+from calib.diagnosis.sensor_status import find_floating_sensors
 from calib.geometry.se3 import pose_from_xyz_quat
 from calib.io.pose_block import pose_from_config
 from calib.io.status import Status
 from calib.verdict.findings import Finding, make_finding
 from calib.verdict.model_error_findings import undetermined_mount_findings
-from calib.verdict.preflight_visibility import PreflightSession, SensorVisibility
+from calib.verdict.preflight_guess import PreflightSession
+from calib.verdict.preflight_visibility import SensorVisibility
 from calib.verdict.rig_verdict import Verdict, make_verdict, view_findings
-from calib.views.target_placements import find_still_rows
+from calib.views.pose_selection import select_new_poses
+from calib.views.target_placements import (
+    compute_target_poses,
+    find_still_rows,
+    mounts_from_guess,
+)
 
 MIN_AXIS_COSINE = 0.9  # minimum component of a direction that is called by the name of one axis
 NO_MOTION_TEXT = "time offset not observable: no relative motion in its view"
@@ -153,7 +161,7 @@ def preflight_target_findings(sessions: Sessions, options: dict[str, Any]) -> li
     for name, session in sessions.items():
         out += _moving_target_findings(name, session)
     for target, config in sorted(options["targets"].items()):
-        T = still_target_poses(sessions, target)
+        T = new_target_poses(sessions, target, options)
         if len(T) < options["judge"]["fail_placements"] or "mount" in config:
             continue
         axis = single_rotation_axis(T)
@@ -181,15 +189,48 @@ def _moving_target_findings(session_name: str, session: PreflightSession) -> lis
     ]
 
 
-def still_target_poses(sessions: Sessions, target: str) -> np.ndarray:
-    """Return T_robot_body (n, 4, 4) of all placements of a target."""
-    columns = [session.placements.columns for session in sessions.values()]
-    rows = [find_still_rows(c, target) for c in columns]
-    xyz, quat = (
-        np.concatenate([c[key][r].reshape(-1, n) for c, r in zip(columns, rows, strict=True)])
-        for key, n in (("xyz", 3), ("quat", 4))
-    )
-    return pose_from_xyz_quat(xyz, quat)
+def new_target_poses(sessions: Sessions, target: str, options: dict[str, Any]) -> np.ndarray:
+    """Return T_robot_body (n, 4, 4) of all placements of a target that crop counts as new."""
+    mounts = mounts_from_guess({target: options["targets"][target]}, {"mounts": {}})
+    parts = []
+    for session in sessions.values():
+        columns = session.placements.columns
+        T_robot_target = compute_target_poses(columns, mounts)
+        rows = select_new_poses(T_robot_target, find_still_rows(columns, target), options["crop"])
+        T_robot_body = pose_from_xyz_quat(columns["xyz"], columns["quat"])
+        parts.append(T_robot_body[np.sort(rows)])
+    return np.concatenate([np.zeros((0, 4, 4)), *parts])
+
+
+def reject_floating_sensors(
+    visibility: Visibility, sessions: Sessions, options: dict[str, Any]
+) -> Visibility:
+    """Return the visibility with a failed status for each sensor that solve will not determine.
+
+    See find_floating_sensors: only targets with unknown mounts are in its view.
+    """
+    targets_by_sensor = {
+        name: {
+            target
+            for v in by_session.values()
+            for target, seen in v.visibility_by_target.items()
+            if v.status.ok and "" in seen.possible_reasons
+        }
+        for name, by_session in visibility.items()
+    }
+    T_robot_body = {
+        name: new_target_poses(sessions, name, options)
+        for name, block in options["targets"].items()
+        if "mount" in block
+    }
+    floating = find_floating_sensors(targets_by_sensor, T_robot_body)
+    return {
+        name: {
+            s: replace(v, status=floating[name]) if name in floating and v.status.ok else v
+            for s, v in by_session.items()
+        }
+        for name, by_session in visibility.items()
+    }
 
 
 def describe_mount_direction(direction: np.ndarray) -> str:

@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from calib.diagnosis.observability import rotation_spread_deg
+from calib.geometry.rotation_spread import rotation_spread_deg
 from calib.verdict.preflight_findings import (
     Sessions,
     Visibility,
-    still_target_poses,
+    new_target_poses,
     visibility_summary,
 )
 from calib.verdict.preflight_visibility import SensorVisibility
@@ -17,12 +17,12 @@ MIN_TURN_PLACEMENTS = 3
 def target_turns_json(sessions: Sessions, options: dict[str, Any]) -> dict[str, Any]:
     """Return {target: {placements, rotation_spread_deg}}.
 
-    rotation_spread_deg: rms rotation about the three main axes, largest first; None if there are
-    fewer than 3 placements.
+    placements: whose pose is new to crop. rotation_spread_deg: rms rotation about the three main
+    axes, largest first; None if there are fewer than 3 placements.
     """
     out = {}
     for target in sorted(options["targets"]):
-        T = still_target_poses(sessions, target)
+        T = new_target_poses(sessions, target, options)
         spread = rotation_spread_deg(T)[0].tolist() if len(T) >= MIN_TURN_PLACEMENTS else None
         out[target] = {"placements": len(T), "rotation_spread_deg": spread}
     return out

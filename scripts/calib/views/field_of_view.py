@@ -92,6 +92,12 @@ def check_lidar_visibility(
     return incidence.reason
 
 
+def check_camera_can_find(target: TargetShape) -> str:
+    """Return why a camera cannot find a target wherever it is, in words; "" if it can."""
+    has_points = len(target.required_image_points()) > 0
+    return "" if has_points else "neither pattern nor color on the target"
+
+
 def check_camera_visibility(
     camera: CameraModel,
     target: TargetShape,
@@ -104,9 +110,9 @@ def check_camera_visibility(
     T_sensor_target: (4, 4). margin: (6,) m and rad; the reason holds for every pose within it.
     options: max_incidence_deg.
     """
+    if not_found := check_camera_can_find(target):
+        return not_found
     points = transform_points(T_sensor_target, target.required_image_points())
-    if len(points) == 0:
-        return "neither pattern nor color on the target"
     incidence = _check_incidence(target, T_sensor_target, margin, options)
     if incidence.reason:
         return incidence.reason

@@ -6,12 +6,34 @@ import numpy as np
 
 from calib.targets.target_shapes import TargetShape
 from calib.views.field_of_view import PosedSensor
-from calib.views.placement_selection import select_placements
+from calib.views.placement_selection import NOT_NEW, select_placements
 from calib.views.pose_selection import select_new_poses, space_evenly
 
 # Placements in view that crop keeps, in units of max_placements: some may turn out to be out of
 # view at the pose that extract finds.
 SPARE_PLACEMENT_FACTOR = 1.5
+
+
+def select_crop_placements(
+    sensor: PosedSensor,
+    target: TargetShape,
+    placement_by_frame: np.ndarray,
+    T_robot_target: np.ndarray,
+    options: dict[str, Any],
+) -> dict[int, str]:
+    """Return the reason against each placement with a new pose, "" for those that crop keeps.
+
+    The most different come first. Parameters: as of select_frames.
+    """
+    numbers = np.unique(placement_by_frame[placement_by_frame >= 0])
+    return select_placements(
+        sensor,
+        target,
+        T_robot_target,
+        select_new_poses(T_robot_target, numbers, options),
+        options,
+        n_max=round(SPARE_PLACEMENT_FACTOR * options["max_placements"]),
+    )
 
 
 def select_frames(
@@ -29,16 +51,8 @@ def select_frames(
     More placements are kept than wanted, because extract selects again at the pose it finds.
     """
     reason = np.full(len(placement_by_frame), "not still", dtype=object)
-    numbers = np.unique(placement_by_frame[placement_by_frame >= 0])
-    reason[placement_by_frame >= 0] = "not a new pose"
-    against = select_placements(
-        sensor,
-        target,
-        T_robot_target,
-        select_new_poses(T_robot_target, numbers, options),
-        options,
-        n_max=round(SPARE_PLACEMENT_FACTOR * options["max_placements"]),
-    )
+    reason[placement_by_frame >= 0] = NOT_NEW
+    against = select_crop_placements(sensor, target, placement_by_frame, T_robot_target, options)
     for number, reason_against in against.items():
         frames = np.flatnonzero(placement_by_frame == number)
         reason[frames] = reason_against or "enough frames of this placement"

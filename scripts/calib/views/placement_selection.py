@@ -11,6 +11,7 @@ from calib.views.field_of_view import PosedSensor
 
 ENOUGH_PLACEMENTS = "enough placements"
 WRONG_IMAGE_SIZE = "image of "  # what reasons against images of another size begin with
+NOT_NEW = "not a new pose"
 
 
 def select_placements(

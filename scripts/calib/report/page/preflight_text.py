@@ -124,7 +124,7 @@ def format_sensor_table(preflight: dict[str, Any]) -> list[str]:
 
 def format_rotation_table(preflight: dict[str, Any]) -> list[str]:
     """Return a table of the rotations of each target relative to the robot."""
-    rows = [["target", "still", "rotations about its three main axes, rms"]]
+    rows = [["target", "new poses", "rotations about its three main axes, rms"]]
     for name, block in preflight["targets"].items():
         angles = [f"{angle:.0f}°" for angle in block["rotation_spread_deg"] or ()]
         rows.append([name, str(block["placements"]), ", ".join(angles) or DASH])
