@@ -96,9 +96,9 @@ def decode_options(wildcards):
 
 
 def decode_slice(sensor):
-    """Return the keys of a sensor block that decode needs; of a lens, those that it checks."""
-    keys = ["kind", "topic", "point_time", "camera_info", "size_px"]
-    keys += ["model", "rectified"] if "camera_info" in sensor else []
+    """Return the keys of a sensor block that decode needs; of a lens, those checked with CameraInfo."""
+    keys = ["kind", "topic", "point_time", "camera_info"]
+    keys += ["model", "size_px", "rectified"] if "camera_info" in sensor else []
     return {k: sensor[k] for k in keys if k in sensor}
 
 

@@ -109,7 +109,8 @@ class StageRunner:
             sources = {k: tables[k] for k in ("mocap", "placements")}
             keypoints = {"output": "{s}/keypoints.parquet"}
             keypoints["moving-keypoints"] = "{s}/moving_keypoints.parquet"
-            self._run(extract, views | sources | start | keypoints, sensor)
+            evidence = {"frames": tables["frames"]} | audit
+            self._run(extract, views | sources | start | evidence | keypoints, sensor)
         keypoints = [f"{self.home}/{s}/keypoints.parquet" for s in self.sensors]
         pairs = {"placements": tables["placements"], "output": "{h}/pairs.parquet"}
         self._run(associate, {"keypoints": keypoints} | pairs)

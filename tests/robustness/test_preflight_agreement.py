@@ -138,14 +138,18 @@ def require_agreement(outcomes):
             assert told.placements < told.kept, where
             assert any(name in f["sensors"] for f in outcomes.findings), where
         if told.placements is not None and not told.is_refused and not run.is_refused:
-            assert (run.placements, run.kept) == (told.placements, told.kept), where
+            # Near a limit of its view, the true pose decides on a placement, not the stated one.
+            assert abs(run.placements - told.placements) <= 1 and run.kept == told.kept, where
         if not told.is_refused:
             assert run.placements <= told.kept, where
 
 
 def require_same_cause(told, run, where):
     """Require the same reason; too few or parallel views may also be what they leave open."""
-    if "placements " in told or "differ by at most" in told:
+    if "has no view of a target" in told:
+        # Extraction looks at the images, and may name the mistake.
+        assert told == run or "is of another resolution than its images" in run, where
+    elif "placements " in told or "differ by at most" in told:
         consequences = ("the data do not determine", "is unknown and not found in the data")
         assert (
             "placements " in run

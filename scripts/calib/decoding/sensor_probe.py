@@ -33,7 +33,6 @@ from calib.sensors.lidar.clouds.point_time_inference import CloudSample
 
 N_LAYOUT_SAMPLES = 10  # clouds that a layout is inferred from
 N_IMAGE_SAMPLES = 3  # images that the size is taken from, by majority
-MAX_ASPECT_ERROR = 0.01  # of two sizes of images of the same shape
 MAX_PROBED_MESSAGES = 50  # messages that are tried until enough are readable
 
 
@@ -148,7 +147,7 @@ class CameraProbe:
             return {}, _unreadable_status("images", self.n_tried, self.first_error)
         inferred = {"image": f"{self.encoding}, {self.size_px[0]} x {self.size_px[1]} px"}
         if "camera_info" not in self.config:
-            return {"inferred": inferred}, self._stated_size_status(self.size_px)
+            return {"inferred": inferred, "image_size_px": self.size_px}, OK
         try:
             camera, inferred["lens"] = self._camera_block(topics)
         except CameraInfoError as error:
@@ -181,25 +180,6 @@ class CameraProbe:
                     f"Remove {key} from the rig, or set params as well and remove camera_info.",
                 )
         return camera, source
-
-    def _stated_size_status(self, image_size_px: list[int]) -> Status:
-        """Return ok if the images have the size that the rig states for its lens."""
-        stated = self.config.get("size_px", image_size_px)
-        if stated == image_size_px:
-            return OK
-        scale, other = (a / b for a, b in zip(image_size_px, stated, strict=True))
-        remedy = "Set size_px and params to a calibration for images of this size."
-        if abs(scale / other - 1) < MAX_ASPECT_ERROR:
-            remedy = (
-                f"Set size_px: {image_size_px}. If the camera scales or bins its images, also "
-                f"multiply the first four of params (fx, fy, cx, cy) by {scale:.4g}."
-            )
-        return failure_status(
-            "images are not of the stated size_px",
-            f"images of {image_size_px[0]} x {image_size_px[1]} px",
-            f"{stated[0]} x {stated[1]} px (size_px)",
-            remedy,
-        )
 
     def _size_mismatch_status(self, image_size_px: list[int], info_size_px: list[int]) -> Status:
         return failure_status(

@@ -10,6 +10,7 @@ from calib.initial_guess.sensor_guess import SensorGuess
 from calib.io.parquet_tables import select_rows
 from calib.io.status import Status, failure_status
 from calib.mocap.body_trajectory import target_trajectories, trajectory_from_columns
+from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.lens_from_log import find_lens_mismatches
 from calib.sensors.sensor_models import with_log_metadata
 from calib.targets.target_shapes import target_from_config
@@ -24,7 +25,7 @@ from calib.views.field_of_view import PosedSensor
 from calib.views.placement_selection import (
     visibility_status,
 )
-from calib.views.sensor_croppers import Cropper, make_cropper
+from calib.views.sensor_croppers import Cropper, image_size_reason, make_cropper
 from calib.views.target_placements import (
     Columns,
     assign_frames_to_placements,
@@ -106,7 +107,8 @@ def assess_sensor_visibility(
     posed = unknown_pose(block["kind"])
     if is_stated:
         posed = _posed_by_guess(cropper, guess, options["crop"])
-    targets = _assess_targets(session, posed, frames, guess=guess, block=block, options=options)
+    lost = _list_lost_targets(session, cropper, guess, audit)
+    targets = _assess_targets(session, posed, frames, lost=lost, block=block, options=options)
     if not cropper.has_measurement_time:
         targets = {n: replace(t, n_moving_views=0) for n, t in targets.items()}
     reasons = [reason for t in targets.values() for reason in t.possible_reasons]
@@ -114,6 +116,18 @@ def assess_sensor_visibility(
     return SensorVisibility(
         block["kind"], status, source, coverage, targets, cropper.has_measurement_time
     )
+
+
+def _list_lost_targets(
+    session: PreflightSession, cropper: Cropper, guess: SensorGuess, audit: dict[str, Any]
+) -> dict[str, str]:
+    """Return why targets are not looked for, by name. audit: of the sensor."""
+    size_reason = ""
+    if "image_size_px" in audit and isinstance(cropper.model, CameraModel):
+        size_reason = image_size_reason(cropper.model, audit["image_size_px"])
+    if size_reason:
+        return dict.fromkeys(session.placements.target_status, size_reason)
+    return {n: mount.status.reason for n, mount in guess.mounts.items() if mount.value is None}
 
 
 def _posed_by_guess(
@@ -145,14 +159,16 @@ def _assess_targets(
     posed: PosedSensor,
     frames: Columns,
     *,
-    guess: SensorGuess,
+    lost: dict[str, str],
     block: dict[str, Any],
     options: dict[str, Any],
 ) -> dict[str, TargetVisibility]:
-    """Return what a sensor may see of each target. frames: of the sensor. block: its config."""
+    """Return what a sensor may see of each target. frames: of the sensor. block: its config.
+
+    lost: why targets are not looked for, by name (_list_lost_targets).
+    """
     configs = {n: options["targets"][n] for n in sorted(session.placements.target_status)}
     mounts = mounts_from_guess(configs, {"mounts": {}})
-    lost = {n: mount.status.reason for n, mount in guess.mounts.items() if mount.value is None}
     placements = trim_placement_ends(session.placements.columns, block["time_offset_sigma_s"])
     T_robot_target = compute_target_poses(placements, mounts)
     bodies = {n: config["body"] for n, config in configs.items()}
@@ -170,9 +186,8 @@ def _assess_targets(
         sensor = posed if name in mounts else unknown_pose(block["kind"])
         out[name] = target.visibility(sensor, sensor.model is not None, lost.get(name, ""))
         if target.shape.uses_exact_surface and name not in lost:
-            moving = MovingTarget(
-                target.shape, trajectories[name], mounts.get(name, np.eye(4)), options["crop"]
-            )
+            T_body_target = mounts.get(name, np.eye(4))
+            moving = MovingTarget(target.shape, trajectories[name], T_body_target, options["crop"])
             n_moving_views = moving.count_views(sensor, frames["stamp_ns"], block)
             out[name] = replace(out[name], n_moving_views=n_moving_views)
     return out

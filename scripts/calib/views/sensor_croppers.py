@@ -4,7 +4,7 @@ A kind of sensor is one class that satisfies the protocol Cropper. To add a kind
 and add it to CROPPERS.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -13,6 +13,7 @@ import pyarrow as pa
 
 from calib.io.status import MessageError
 from calib.io.table_schemas import CAMERA_VIEWS_SCHEMA, LIDAR_VIEWS_SCHEMA
+from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.images.image_messages import encode_png, read_bgr
 from calib.sensors.lidar.clouds import cloud_messages
 from calib.sensors.lidar.clouds.cloud_layout import CloudLayout
@@ -119,6 +120,14 @@ class LidarCropper:
         )
 
 
+def image_size_reason(camera: CameraModel, image_size_px: Sequence[int]) -> str:
+    """Return why images of a size, px, are not read with a lens, "" if they are."""
+    if tuple(image_size_px) == camera.size_px:
+        return ""
+    found, expected = (f"{width} x {height}" for width, height in (image_size_px, camera.size_px))
+    return f"{WRONG_IMAGE_SIZE}{found} px, expected {expected} px (size_px)"
+
+
 class CameraCropper:
     """Cuts the image region around a target, as PNG."""
 
@@ -137,13 +146,8 @@ class CameraCropper:
         return read_bgr(message)
 
     def cut_window(self, image: np.ndarray, window: TargetWindow) -> WindowCut:
-        if image.shape[1::-1] != self.model.size_px:
-            size = f"{image.shape[1]} x {image.shape[0]}"
-            expected = f"{self.model.size_px[0]} x {self.model.size_px[1]}"
-            return WindowCut(
-                self.empty_payload(),
-                f"{WRONG_IMAGE_SIZE}{size} px, expected {expected} px (size_px)",
-            )
+        if reason := image_size_reason(self.model, image.shape[1::-1]):
+            return WindowCut(self.empty_payload(), reason)
         u0, u1, v0, v1 = find_image_region(
             self.model, window.target, window.T_sensor_target, window.margin
         )

@@ -246,4 +246,7 @@ def test_the_first_damaged_image_does_not_hide_the_next():
     for one in (damaged, picture()):
         camera.add_message(Recorded(one))
     audit, status = camera.audit(1e8, {})
-    assert status.ok and audit == {"inferred": {"image": "mono8, 900 x 700 px"}}
+    assert status.ok and audit == {
+        "inferred": {"image": "mono8, 900 x 700 px"},
+        "image_size_px": [900, 700],
+    }
