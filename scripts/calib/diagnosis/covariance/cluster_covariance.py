@@ -197,7 +197,7 @@ def _square_root(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     is_known = np.diag(matrix) > 0
     scale, unit = scale_to_unit_diagonal(matrix[np.ix_(is_known, is_known)])
     values, vectors = np.linalg.eigh(unit)
-    kept = values > MIN_EIGENVALUE_RATIO * max(values[-1], 0.0)
+    kept = values > MIN_EIGENVALUE_RATIO * values.max(initial=0.0)
     V, size = vectors[:, kept], np.sqrt(values[kept])
     root, inverse = np.zeros((len(matrix), kept.sum())), np.zeros((kept.sum(), len(matrix)))
     root[is_known], inverse[:, is_known] = V * size / scale[:, None], (V / size).T * scale
