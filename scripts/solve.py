@@ -17,11 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.correction_selection import (
-    estimate_with_corrections,
-    with_requested_corrections,
-)
+from calib.diagnosis.correction_selection import estimate_with_corrections
 from calib.diagnosis.covariance.choice_covariance import choice_covariance
+from calib.diagnosis.error_search.supported_corrections import with_requested_corrections
 from calib.diagnosis.next_view.next_best_view import find_best_views
 from calib.diagnosis.residual_table import residual_columns
 from calib.diagnosis.session_repeatability import repeatability_json
@@ -158,6 +156,7 @@ def estimate_rig(
             sessions=sessions,
             options=options,
         ),
+        halves,
         **limits,
     )
     by_choice = choice_covariance(requested, (setup, result), halves, **limits)

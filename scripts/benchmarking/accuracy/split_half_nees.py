@@ -25,11 +25,9 @@ from benchmarking.page.markdown import (
     format_two_digits,
     render_markdown,
 )
-from calib.diagnosis.correction_selection import (
-    select_corrections,
-    with_requested_corrections,
-)
+from calib.diagnosis.correction_selection import select_confirmed_corrections
 from calib.diagnosis.covariance.choice_covariance import choice_covariance
+from calib.diagnosis.error_search.supported_corrections import with_requested_corrections
 from calib.diagnosis.split_halves import HalfEstimate, compare_halves, estimate_halves
 from calib.estimation.problem_assembly import iteration_limits
 
@@ -73,12 +71,12 @@ def draw_split_halves(arguments: Sequence[str], n_draws: int) -> list[SplitHalfD
     options: dict[str, Any] = args.options
     setup, start, _ = solve.build_rig_setup(args, options)
     limits, wanted = iteration_limits(setup, options["solve"]), options["solve"]["estimate"]
-    whole = select_corrections(setup, start, wanted, **limits)
     requested, out = with_requested_corrections(setup, wanted), []
     for seed in range(n_draws):
         halves = estimate_halves(setup, start, wanted, seed=seed, **limits)
         if halves is None:
             continue
+        whole = select_confirmed_corrections(setup, start, wanted, halves, **limits)[:2]
         added = choice_covariance(requested, whole, halves, **limits)
         for i, sensor in enumerate(sorted(whole[0].models)):
             block = added[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]

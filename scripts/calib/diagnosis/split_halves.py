@@ -6,25 +6,26 @@ errs alike in every placement (lens, board, mount): they test whether a result r
 
 from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
 
-from calib.diagnosis.correction_selection import (
+from calib.diagnosis.covariance.cluster_covariance import with_reported_covariance
+from calib.diagnosis.error_search.supported_corrections import (
+    P_ACCEPT_IN_HALF,
     list_adopted_corrections,
     select_corrections,
     with_requested_corrections,
 )
-from calib.diagnosis.covariance.cluster_covariance import with_reported_covariance
 from calib.diagnosis.observability import find_undetermined_directions
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.nlp.information_matrix import scale_to_unit_diagonal
 from calib.geometry.se3 import invert_pose, se3_log
 
-MIN_HALF_PLACEMENTS = 4  # of a sensor in each half: with fewer, it is in neither
+MIN_HALF_PLACEMENTS = 4  # of a sensor in each half: with fewer, it is not compared
 SEED = 7
 
 Rest = list[int]  # placements of one rest of the robot, by index
@@ -66,17 +67,14 @@ def estimate_halves(
 ) -> tuple[HalfEstimate, HalfEstimate] | None:
     """Estimate two halves of the still placements, each with its own choice of corrections.
 
-    Sensors with fewer than MIN_HALF_PLACEMENTS placements in a half are left out of both. None if
-    none remains. Moving views are left out. estimate_options: solve.estimate of the config; limits:
-    of estimate_poses.
+    None if no sensor sees MIN_HALF_PLACEMENTS placements of both. Moving views are left out.
+    estimate_options: solve.estimate of the config; limits: of estimate_poses.
     """
     halves = split_placements(setup, seed)
-    sensors = sensors_in_halves(setup, halves)
-    if not sensors:
+    if not sensors_in_halves(setup, halves):
         return None
     first, second = (
-        _estimate_half(_with_sensors(setup, sensors), T_robot_sensor, estimate_options, h, limits)
-        for h in halves
+        _estimate_half(setup, T_robot_sensor, estimate_options, h, limits) for h in halves
     )
     return first, second
 
@@ -118,7 +116,12 @@ def compare_halves(
 
     added: (6, 6) covariance of the sensor's pose in each half beyond that of its estimate.
     """
-    solved = [h for h in halves if h.result.solve_result is not None and sensor in h.setup.models]
+    solved = [
+        h
+        for h in halves
+        if h.result.solve_result is not None
+        and count_placements(h.setup, sensor) >= MIN_HALF_PLACEMENTS
+    ]
     if len(solved) < 2:
         return None
     first, second = (h.result.state.T_robot_sensor[sensor] for h in halves)
@@ -156,7 +159,7 @@ def split_halves_json(
                 "sigma": comparison.sigma.tolist(),
                 "nees": comparison.nees,
                 "n_directions": comparison.n_directions,
-                "placements": [_count_placements(h, name) for h in halves],
+                "placements": [count_placements(h.setup, name) for h in halves],
             }
     adopted = [
         [{"name": name, "subject": subject} for name, subject in sorted(h.adopted)] for h in halves
@@ -164,8 +167,16 @@ def split_halves_json(
     return {"adopted": adopted, "sensors": sensors}
 
 
-def _count_placements(half: HalfEstimate, sensor: str) -> int:
-    return len({g.placement for g in half.setup.groups if g.sensor == sensor})
+def count_placements(setup: Setup, subject: str) -> int:
+    """Return the number of placements of a sensor, target or session."""
+    p = setup.placements
+    return len(
+        {
+            g.placement
+            for g in setup.groups
+            if subject in (g.sensor, p[g.placement].target, p[g.placement].session)
+        }
+    )
 
 
 def _estimate_half(
@@ -177,14 +188,11 @@ def _estimate_half(
 ) -> HalfEstimate:
     half = setup.at_placements(indices)
     start = {n: T_robot_sensor[n] for n in half.models}
-    chosen, result = select_corrections(half, start, estimate_options, **limits)
+    chosen, result = select_corrections(
+        half, start, estimate_options, max_p_value=P_ACCEPT_IN_HALF, **limits
+    )
     adopted = list_adopted_corrections(with_requested_corrections(half, estimate_options), chosen)
     return HalfEstimate(chosen, with_reported_covariance(chosen, result), adopted)
-
-
-def _with_sensors(setup: Setup, sensors: Collection[str]) -> Setup:
-    groups = [g for g in setup.groups if g.sensor in sensors]
-    return replace(setup, groups=groups)
 
 
 def _list_rests(setup: Setup) -> list[Rest]:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.correction_selection import CORRECTIONS_BY_KEY
+from calib.diagnosis.error_search.supported_corrections import CORRECTIONS_BY_KEY
 from calib.geometry.units import DEG_PER_RAD, MM_PER_M
 from calib.verdict.findings import Finding, Limits, make_finding, with_limit
 

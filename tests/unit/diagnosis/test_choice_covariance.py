@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.correction_selection import select_corrections
 from calib.diagnosis.covariance.choice_covariance import choice_covariance
+from calib.diagnosis.error_search.supported_corrections import select_corrections
 from calib.diagnosis.split_halves import HalfEstimate
 from calib.estimation.solver import estimate_poses
 from calib.geometry.se3 import invert_pose, se3_exp, se3_log

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calib.diagnosis import correction_selection
 from calib.diagnosis.correction_selection import estimate_with_corrections, sensor_corrections_json
 from calib.diagnosis.covariance.consider_covariance import (
     common_range_sigmas,
     with_consider_covariance,
 )
+from calib.diagnosis.split_halves import estimate_halves, split_placements
 from calib.estimation.corrections.correction_catalog import list_testable_corrections
 from calib.estimation.estimate_state import initial_state
 from calib.estimation.measurement_assignment import assign_measurements
@@ -84,11 +86,71 @@ def test_single_beams_off_by_14_mm_are_found_to_3_mm_and_suspected_no_more():
     assert suspected == [] and result.has_converged
 
 
+RANGES_20_MM_LONG = SyntheticWorld(range_bias_m=np.full(N_RINGS, 0.02))
+
+
+def test_a_bias_of_all_ranges_is_named_and_never_estimated_by_itself():
+    made, _, suspected = refined(RANGES_20_MM_LONG)
+    assert made.corrections == ()
+    assert [s["name"] for s in suspected] == ["range_bias"]
+    assert abs(suspected[0]["estimate"][0] - 0.02) < 0.001
+    assert "solve.estimate.range_bias: true" in suspected[0]["remedy"]
+
+
+@pytest.mark.parametrize("world", [RANGES_20_MM_LONG, SyntheticWorld()])
+def test_a_bias_of_all_ranges_is_estimated_where_the_config_asks_for_it(world):
+    made, result, suspected = refined(world, wanted=AUTO | {"range_bias": True})
+    (told,) = sensor_corrections_json(made, result, "lidar")
+    assert (told["name"], told["prior_sigma"]) == ("range_bias", [LIDAR_MODEL.beam_range_sigma])
+    assert abs(told["estimate"][0] - world.range_bias_m[0]) < 2.5 * told["sigma"][0]
+    assert suspected == []
+
+
 def test_a_bias_of_all_ranges_is_found_to_2_sigma_of_its_own():
-    made, result, _ = refined(SyntheticWorld(range_bias_m=np.full(N_RINGS, 0.02)))
+    made, result, _ = refined(RANGES_20_MM_LONG, wanted=AUTO | {"range_bias": True})
     (told,) = sensor_corrections_json(made, result, "lidar")
     assert told["name"] == "range_bias" and "too long" in told["description"]
     assert abs(told["estimate"][0] - 0.02) < 2 * told["sigma"][0] < 0.002
+
+
+BEAMS_OFF_14_MM = SyntheticWorld(range_bias_m=0.014 * SIGNS)
+
+
+def test_beams_that_one_half_of_the_placements_does_not_show_are_named_and_not_estimated():
+    setup = make_synthetic_setup(0, MIXED, BEAMS_OFF_14_MM)
+    first, second = estimate_halves(setup, START, AUTO, **LIMITS)
+    assert first.adopted == second.adopted == {("beam_offsets", "lidar")}
+    halves = (first, replace(second, adopted=frozenset()))
+    made, _, (told,) = estimate_with_corrections(setup, START, AUTO, halves=halves, **LIMITS)
+    assert made.corrections == ()
+    assert told["description"].endswith("(not estimated: only one half of the data shows it alone)")
+    assert (told["name"], told["adopted_in_halves"]) == ("beam_offsets", 1)
+
+
+def test_beams_that_err_in_one_half_of_the_placements_alone_are_not_estimated():
+    first, _ = split_placements(make_synthetic_setup(0, MIXED))
+    off, good = (make_synthetic_setup(0, MIXED, w) for w in (BEAMS_OFF_14_MM, SyntheticWorld()))
+    groups = [
+        a if a.placement in first else b for a, b in zip(off.groups, good.groups, strict=True)
+    ]
+    setup = replace(good, groups=groups)
+    assert estimate_with_corrections(setup, START, AUTO, **LIMITS)[0].corrections == ()
+
+
+def test_with_7_placements_beams_that_err_are_named_and_not_estimated():
+    setup = make_synthetic_setup(0, MIXED[:7], BEAMS_OFF_14_MM)
+    made, _, (told,) = estimate_with_corrections(setup, START, AUTO, **LIMITS)
+    assert made.corrections == ()
+    assert "(not estimated: lidar has fewer than 8 placements" in told["description"]
+    assert (told["name"], told["adopted_in_halves"]) == ("beam_offsets", None)
+
+
+def test_halves_that_are_there_already_are_not_estimated_again(monkeypatch):
+    setup = make_synthetic_setup(0, MIXED, BEAMS_OFF_14_MM)
+    halves = estimate_halves(setup, START, AUTO, **LIMITS)
+    monkeypatch.setattr(correction_selection, "estimate_halves", None)
+    made, _, _ = estimate_with_corrections(setup, START, AUTO, halves=halves, **LIMITS)
+    assert [c.name for c in made.corrections] == ["beam_offsets"]
 
 
 def test_with_the_option_off_the_fault_is_named_and_not_estimated():
@@ -112,7 +174,7 @@ def test_what_is_estimated_besides_is_in_the_covariance_of_the_pose():
     """20 draws with both faults: NEES/6 of the lidar within its band of 99 %, [0.7, 1.35]."""
     world, nees = SyntheticWorld(range_bias_m=0.012 * SIGNS + 0.01), []
     for seed in range(20):
-        made, result, _ = refined(world, seed)
+        made, result, _ = refined(world, seed, AUTO | {"range_bias": True})
         off = error(result, "lidar")
         nees.append(off @ np.linalg.solve(spread(result, made, "lidar"), off) / 6)
     assert 0.7 < np.mean(nees) < 1.35

@@ -57,13 +57,16 @@ def test_placements_of_one_rest_of_the_robot_stay_together():
         assert len(half) == 9 and {k // 3 * 3 + i for k in half for i in range(3)} == set(half)
 
 
-def test_sensors_with_fewer_than_8_placements_are_in_neither_half():
+def test_sensors_with_fewer_than_8_placements_are_not_compared():
     made = make_synthetic_setup(0, MIXED)
     groups = [g for g in made.groups if g.sensor == "lidar" or g.placement < 7]
     made = replace(made, groups=groups)
     halves = split_placements(made)
     assert MIN_HALF_PLACEMENTS == 4 and sensors_in_halves(made, halves) == ["lidar"]
-    assert all(set(h.setup.models) == {"lidar"} for h in halves_of(made))
+    halves = halves_of(made)
+    assert all(set(h.setup.models) == {"camera", "lidar"} for h in halves)
+    assert compare_halves(halves, "camera") is None
+    assert compare_halves(halves, "lidar") is not None
     assert estimate_halves(make_synthetic_setup(0, MIXED[:7]), START, AUTO, **LIMITS) is None
 
 

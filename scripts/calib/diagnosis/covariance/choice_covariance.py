@@ -12,15 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.correction_selection import MOUNT, list_adopted_corrections
+from calib.diagnosis.error_search.supported_corrections import (
+    MOUNT,
+    Choice,
+    list_adopted_corrections,
+)
 from calib.diagnosis.split_halves import HalfEstimate
 from calib.estimation.corrections.correction_catalog import list_testable_corrections
 from calib.estimation.estimation_problem import Setup
 from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.solver import continue_estimate
 from calib.geometry.se3 import invert_pose, se3_log
-
-CorrectionKey = tuple[str, str]  # (name, subject), a mount by its target
 
 
 def choice_covariance(
@@ -48,9 +50,7 @@ def choice_covariance(
     return np.sum([np.outer(shift, shift) for shift in shifts], axis=0) / 2
 
 
-def with_choice(
-    setup: Setup, adopted: Collection[CorrectionKey], choice: Collection[CorrectionKey]
-) -> Setup:
+def with_choice(setup: Setup, adopted: Collection[Choice], choice: Collection[Choice]) -> Setup:
     """Return the Setup with the corrections of a choice instead of the adopted ones.
 
     What the Setup already estimates keeps its place.

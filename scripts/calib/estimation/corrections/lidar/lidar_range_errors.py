@@ -37,7 +37,9 @@ class RangeBiasCorrection(ModelCorrection[LidarModel]):
 
     @property
     def remedy(self) -> str:
-        return _range_remedy(self.subject)
+        return (
+            f"{_range_remedy(self.subject)}; solve.estimate.range_bias: true estimates their error"
+        )
 
     def apply_to_model(self, model: LidarModel, values: np.ndarray, placement: int) -> LidarModel:
         return replace(model, range_bias=model.range_bias + values[0])
