@@ -14,7 +14,7 @@ from scipy.linalg import null_space
 
 from calib.diagnosis.covariance.cluster_covariance import with_reported_covariance
 from calib.diagnosis.error_search.supported_corrections import (
-    P_ACCEPT_IN_HALF,
+    BY_ONE_HALF,
     list_adopted_corrections,
     select_corrections,
     with_requested_corrections,
@@ -189,7 +189,7 @@ def _estimate_half(
     half = setup.at_placements(indices)
     start = {n: T_robot_sensor[n] for n in half.models}
     chosen, result = select_corrections(
-        half, start, estimate_options, max_p_value=P_ACCEPT_IN_HALF, **limits
+        half, start, estimate_options, required=BY_ONE_HALF, **limits
     )
     adopted = list_adopted_corrections(with_requested_corrections(half, estimate_options), chosen)
     return HalfEstimate(chosen, with_reported_covariance(chosen, result), adopted)

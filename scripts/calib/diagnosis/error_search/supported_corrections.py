@@ -5,7 +5,7 @@ causes what looks like one. It is estimated only on request.
 """
 
 from collections.abc import Set
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -32,8 +32,6 @@ Choices: TypeAlias = frozenset[Choice]
 
 MOUNT = "mount"  # name of the correction of T_body_target
 P_ACCEPT = 1e-5  # p-value below which a correction is estimated
-# The same in each half of the placements: both together are less likely than P_ACCEPT by chance.
-P_ACCEPT_IN_HALF = 1e-3
 MAX_ROUNDS = 4  # of accepting corrections
 CORRECTIONS_BY_KEY = {  # names of corrections by key of solve.estimate
     "lidar_corrections": ("beam_offsets", "dark_ranges", "beam_width", "outline_vs_surface"),
@@ -43,19 +41,35 @@ CORRECTIONS_BY_KEY = {  # names of corrections by key of solve.estimate
 }
 
 
+@dataclass(frozen=True)
+class RequiredSupport:
+    """How strongly residuals must support a correction that is estimated.
+
+    max_p_value: by chance. lead_share: of Correction.min_lead, in log likelihood over rivals.
+    """
+
+    max_p_value: float
+    lead_share: float
+
+
+BY_ALL_PLACEMENTS = RequiredSupport(max_p_value=P_ACCEPT, lead_share=1.0)
+# Both halves together are rarer by chance than P_ACCEPT. A half has half of the log likelihood.
+BY_ONE_HALF = RequiredSupport(max_p_value=1e-3, lead_share=0.5)
+
+
 def select_corrections(
     setup: Setup,
     T_robot_sensor: dict[str, np.ndarray],
     estimate_options: dict[str, Any],
     *,
     allowed: Choices | None = None,
-    max_p_value: float = P_ACCEPT,
+    required: RequiredSupport = BY_ALL_PLACEMENTS,
     **limits: Any,
 ) -> tuple[Setup, EstimationResult]:
     """Estimate still placements with the corrections that are requested or that they support.
 
     allowed: the corrections, of those with value auto, that may be estimated; None: all.
-    max_p_value: of a correction that the residuals support.
+    required: of the residuals for a correction with value auto.
     """
     setup = with_requested_corrections(setup, estimate_options)
     setup, result = _estimate_observable_intrinsics(setup, T_robot_sensor, limits)
@@ -63,7 +77,7 @@ def select_corrections(
     choices = {(c.name, c.subject) for c in list_testable_corrections(setup) if c.name in names}
     if allowed is not None:
         choices &= allowed
-    return _add_supported_corrections((setup, result), choices, max_p_value, limits)
+    return _add_supported_corrections((setup, result), choices, required, limits)
 
 
 def with_requested_corrections(setup: Setup, estimate_options: dict[str, Any]) -> Setup:
@@ -129,15 +143,14 @@ def _estimate_observable_intrinsics(
 def _add_supported_corrections(
     estimate: tuple[Setup, EstimationResult],
     choices: Set[Choice],
-    max_p_value: float,
+    required: RequiredSupport,
     limits: dict[str, Any],
 ) -> tuple[Setup, EstimationResult]:
     """Estimate also those of some corrections that the residuals support."""
     setup, result = estimate
     suspected = find_suspected_errors(setup, result, list_testable_corrections(setup))
     for _ in range(MAX_ROUNDS):
-        likely = [e for e in suspected if e["p_value"] < max_p_value]
-        wider = _with_corrections(setup, likely, choices)
+        wider = _with_corrections(setup, suspected, choices, required)
         if wider is setup:
             break
         wider_result = continue_estimate(wider, (setup, result), **limits)
@@ -152,12 +165,24 @@ def _add_supported_corrections(
     return setup, result
 
 
-def _with_corrections(setup: Setup, suspected: list[dict[str, Any]], choices: Set[Choice]) -> Setup:
-    """Add the suspected corrections, of some choices, that are far enough ahead of their rivals."""
-    leads = {(e["name"], e["subject"]): _lead_over_rivals(e) for e in suspected}
+def _with_corrections(
+    setup: Setup,
+    suspected: list[dict[str, Any]],
+    choices: Set[Choice],
+    required: RequiredSupport,
+) -> Setup:
+    """Add the suspected corrections, of some choices, that have the required support."""
+    leads = {
+        (e["name"], e["subject"]): _lead_over_rivals(e)
+        for e in suspected
+        if e["p_value"] < required.max_p_value
+    }
     for correction in list_testable_corrections(setup):
         choice = (correction.name, correction.subject)
-        if choice in choices and leads.get(choice, -np.inf) > correction.min_lead:
+        if (
+            choice in choices
+            and leads.get(choice, -np.inf) > required.lead_share * correction.min_lead
+        ):
             setup = correction.add_to_setup(setup) or setup
     return setup
 

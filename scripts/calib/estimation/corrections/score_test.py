@@ -121,7 +121,9 @@ class PriorNoiseTerm(NoiseTerm):
         n_determined = float(np.sum(known / (1 + known)))
         if not n_determined:
             return previous
-        least = squares / float(stats.chi2.ppf(1 - STATED_SIGMA_LEVEL, n_determined))
+        # It is 0 where the data tell next to nothing: then the stated σ stands.
+        quantile = float(stats.chi2.ppf(1 - STATED_SIGMA_LEVEL, n_determined))
+        least = squares / quantile if quantile > 0 else np.inf
         lower = min(self.stated_factor, max(self.min_variance_factor, least))
         return max(lower, squares / n_determined)
 
