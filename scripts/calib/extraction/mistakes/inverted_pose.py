@@ -5,11 +5,11 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from calib.extraction.mistakes.pose_corrections import PoseChange, correct_poses
-from calib.extraction.mistakes.stated_setup import Correction, StatedSetup
+from calib.extraction.mistakes.stated_setup import ConfigCorrection, StatedSetup
 from calib.geometry.se3 import invert_pose, make_pose
 
 
-def correct_inverted_poses(stated: StatedSetup) -> Iterable[Correction]:
+def correct_inverted_poses(stated: StatedSetup) -> Iterable[ConfigCorrection]:
     """Yield the setups with one pose inverted (see Mistake)."""
     return correct_poses(stated, list_inverses)
 

@@ -3,13 +3,13 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from calib.extraction.mistakes.stated_setup import Correction, StatedSetup
+from calib.extraction.mistakes.stated_setup import ConfigCorrection, StatedSetup
 from calib.sensors.camera.camera_model import CameraModel
 
 BINNING_FACTORS = (1 / 2, 2, 1 / 4, 4, 1 / 3, 3, 2 / 3, 3 / 2)
 
 
-def correct_lens_resolution(stated: StatedSetup) -> Iterator[Correction]:
+def correct_lens_resolution(stated: StatedSetup) -> Iterator[ConfigCorrection]:
     """Yield the setups with the lens of another resolution (see Mistake)."""
     camera = stated.model
     if not isinstance(camera, CameraModel) or not stated.images:
@@ -40,7 +40,7 @@ def _written_params(camera: CameraModel) -> list[float]:
     return params
 
 
-def _describe_lens(stated: StatedSetup, lens: CameraModel, before: CameraModel) -> Correction:
+def _describe_lens(stated: StatedSetup, lens: CameraModel, before: CameraModel) -> ConfigCorrection:
     """Return the correction to a lens, with the size and the params to write."""
     changes = []
     if lens.size_px != before.size_px:
@@ -51,7 +51,7 @@ def _describe_lens(stated: StatedSetup, lens: CameraModel, before: CameraModel) 
     what = f"size_px {list(before.size_px)}, fx {before.params[0]:.5g}"
     true = f"size_px {list(lens.size_px)}, fx {lens.params[0]:.5g}"
     place = f" in place of camera_info, with model {lens.model}," if stated.has_camera_info else ""
-    return Correction(
+    return ConfigCorrection(
         replace(stated, model=lens),
         f"the lens of {stated.sensor} is of another resolution than its images: stated {what}; "
         f"{true} agrees with what it saw",

@@ -6,14 +6,14 @@ from itertools import permutations, product
 import numpy as np
 
 from calib.extraction.mistakes.pose_corrections import PoseChange, correct_poses
-from calib.extraction.mistakes.stated_setup import Correction, StatedSetup
+from calib.extraction.mistakes.stated_setup import ConfigCorrection, StatedSetup
 from calib.geometry.se3 import pose_from_rpy, pose_to_rpy
 
 ANGLE_NAMES = ("roll", "pitch", "yaw")
 LENGTH_FACTORS = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254}
 
 
-def correct_lost_signs(stated: StatedSetup) -> Iterable[Correction]:
+def correct_lost_signs(stated: StatedSetup) -> Iterable[ConfigCorrection]:
     """Yield the setups with numbers of one pose read otherwise (see Mistake)."""
     return correct_poses(stated, list_readings)
 

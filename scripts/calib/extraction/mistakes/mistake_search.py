@@ -8,7 +8,7 @@ import numpy as np
 from calib.extraction.mistakes.mistake_registry import MISTAKES
 from calib.extraction.mistakes.pose_corrections import describe_pose
 from calib.extraction.mistakes.sightings import Consensus, Sightings
-from calib.extraction.mistakes.stated_setup import Correction, StatedSetup
+from calib.extraction.mistakes.stated_setup import ConfigCorrection, StatedSetup
 from calib.geometry.se3 import invert_pose, se3_log
 from calib.geometry.units import DEG_PER_RAD
 from calib.io.status import Status, failure_status
@@ -24,7 +24,7 @@ ALIKE_DEVIATION = 0.5
 class Explanation(NamedTuple):
     """A correction that works, and how well: see Consensus; deviation: from the guess, in σ."""
 
-    correction: Correction
+    correction: ConfigCorrection
     consensus: Consensus
     deviation: float
 
@@ -36,7 +36,7 @@ def find_mistake(stated: StatedSetup, sightings: Sightings, min_placements: int)
     min_placements, and the share `min_share` of those with a detection, agree on one pose, which is
     the stated one (MAX_GUESS_DEVIATION).
     """
-    as_stated = _explain(Correction(stated, "", ""), sightings, min_placements)
+    as_stated = _explain(ConfigCorrection(stated, "", ""), sightings, min_placements)
     if as_stated:
         return None
     corrections = (c for mistake in MISTAKES for c in mistake(stated))
@@ -48,7 +48,7 @@ def find_mistake(stated: StatedSetup, sightings: Sightings, min_placements: int)
 
 
 def _explain(
-    correction: Correction, sightings: Sightings, min_placements: int
+    correction: ConfigCorrection, sightings: Sightings, min_placements: int
 ) -> Explanation | None:
     """Return the explanation by a corrected setup, None if it does not explain what was seen."""
     if not correction.setup.has_image_size:
@@ -113,7 +113,7 @@ def _explain_by_found_pose(
     away = invert_pose(stated.T_robot_sensor) @ T
     angle = DEG_PER_RAD * np.linalg.norm(se3_log(away)[3:])
     distance = np.linalg.norm(T[:3, 3] - stated.T_robot_sensor[:3, 3])
-    correction = Correction(
+    correction = ConfigCorrection(
         replace(stated, T_robot_sensor=T),
         f"T_robot_sensor of {stated.sensor} does not agree with what {stated.sensor} saw, but a "
         f"pose {distance:.2f} m and {angle:.0f} deg away does",

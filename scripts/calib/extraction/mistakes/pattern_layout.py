@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.extraction.mistakes.stated_setup import Correction, StatedSetup
+from calib.extraction.mistakes.stated_setup import ConfigCorrection, StatedSetup
 from calib.targets.board import Board
 from calib.targets.patterns.charuco import Charuco
 from calib.targets.patterns.checkerboard import Checkerboard
@@ -14,7 +14,7 @@ from calib.targets.patterns.pattern_registry import TargetPattern
 OTHER_COLOR = {"black": "white", "white": "black"}
 
 
-def correct_pattern_layout(stated: StatedSetup) -> Iterator[Correction]:
+def correct_pattern_layout(stated: StatedSetup) -> Iterator[ConfigCorrection]:
     """Yield the setups with one pattern read otherwise (see Mistake)."""
     for name, target in sorted(stated.targets.items()):
         if isinstance(target.pattern, Checkerboard):
@@ -31,12 +31,14 @@ def with_pattern(stated: StatedSetup, name: str, pattern: TargetPattern) -> Stat
     return replace(stated, targets=stated.targets | {name: replace(board, pattern=pattern)})
 
 
-def _correct_colors(stated: StatedSetup, name: str, pattern: Checkerboard) -> Iterator[Correction]:
+def _correct_colors(
+    stated: StatedSetup, name: str, pattern: Checkerboard
+) -> Iterator[ConfigCorrection]:
     color = pattern.first_square_color
     if color is None:
         return
     other = OTHER_COLOR[color]
-    yield Correction(
+    yield ConfigCorrection(
         with_pattern(stated, name, replace(pattern, first_square_color=other)),
         f"{stated.sensor} sees the pattern of {name} the other way round than configured",
         f"Set first_square of {name} to {other}. If the pattern should begin with {color}, it was "
@@ -46,7 +48,7 @@ def _correct_colors(stated: StatedSetup, name: str, pattern: Checkerboard) -> It
 
 def _correct_checkerboard(
     stated: StatedSetup, name: str, pattern: Checkerboard
-) -> Iterator[Correction]:
+) -> Iterator[ConfigCorrection]:
     """Yield the pattern with rows and columns exchanged: its first corner too, or not."""
     if pattern.n_columns == pattern.n_rows:
         return
@@ -60,12 +62,12 @@ def _correct_checkerboard(
 
 def describe_checkerboard(
     stated: StatedSetup, name: str, before: Checkerboard, pattern: Checkerboard
-) -> Correction:
+) -> ConfigCorrection:
     """Return the correction to another number of inner corners, with what to write."""
     counts = [f"{p.n_columns} x {p.n_rows}" for p in (pattern, before)]
     x, y = pattern.first_corner
     corner = f" and first_corner_m to [{x:g}, {y:g}]"
-    return Correction(
+    return ConfigCorrection(
         with_pattern(stated, name, pattern),
         f"the images of {stated.sensor} show the pattern of {name} with {counts[0]} inner corners "
         f"along x and y, the config states {counts[1]}",
@@ -74,7 +76,9 @@ def describe_checkerboard(
     )
 
 
-def _correct_charuco(stated: StatedSetup, name: str, pattern: Charuco) -> Iterator[Correction]:
+def _correct_charuco(
+    stated: StatedSetup, name: str, pattern: Charuco
+) -> Iterator[ConfigCorrection]:
     for squares in (pattern.n_squares, pattern.n_squares[::-1]):
         for is_legacy in (pattern.is_legacy, not pattern.is_legacy):
             other = replace(pattern, n_squares=squares, is_legacy=is_legacy)
@@ -84,7 +88,7 @@ def _correct_charuco(stated: StatedSetup, name: str, pattern: Charuco) -> Iterat
 
 def describe_charuco(
     stated: StatedSetup, name: str, before: Charuco, pattern: Charuco
-) -> Correction:
+) -> ConfigCorrection:
     """Return the correction to another ChArUco board, with what to write."""
     keys = {
         "squares": [str(list(p.n_squares)) for p in (before, pattern)],
@@ -95,7 +99,7 @@ def describe_charuco(
     stated_words, true_words = (
         ", ".join(f"{k} {v[i]}" for k, v in changed.items()) for i in (0, 1)
     )
-    return Correction(
+    return ConfigCorrection(
         with_pattern(stated, name, pattern),
         f"the images of {stated.sensor} show the ChArUco board of {name} with {true_words}, the "
         f"config states {stated_words}",

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from calib.extraction.mistakes.pattern_layout import describe_charuco, describe_checkerboard
-from calib.extraction.mistakes.stated_setup import Correction, StatedSetup
+from calib.extraction.mistakes.stated_setup import ConfigCorrection, StatedSetup
 from calib.targets.patterns.charuco import Charuco
 from calib.targets.patterns.checkerboard import Checkerboard
 from calib.targets.patterns.opencv_grids import find_grid_by_sectors
@@ -23,7 +23,7 @@ MAX_SQUARE_DIFFERENCE = 3  # from the stated number, along x and y
 MIN_MARKERS = 4
 
 
-def correct_pattern_size(stated: StatedSetup) -> Iterator[Correction]:
+def correct_pattern_size(stated: StatedSetup) -> Iterator[ConfigCorrection]:
     """Yield the setups with another number of squares or dictionary (see Mistake)."""
     for name, target in sorted(stated.targets.items()):
         if isinstance(target.pattern, Checkerboard):
@@ -33,7 +33,9 @@ def correct_pattern_size(stated: StatedSetup) -> Iterator[Correction]:
                 yield describe_charuco(stated, name, target.pattern, pattern)
 
 
-def _correct_counts(stated: StatedSetup, name: str, pattern: Checkerboard) -> Iterator[Correction]:
+def _correct_counts(
+    stated: StatedSetup, name: str, pattern: Checkerboard
+) -> Iterator[ConfigCorrection]:
     """Yield the number of inner corners that most images show, both ways, about the middle."""
     grids = [find_grid_by_sectors(image) for image in stated.images[:N_IMAGES_COUNTED]]
     counts = Counter(tuple(sorted(g.shape[:2], reverse=True)) for g in grids if g is not None)

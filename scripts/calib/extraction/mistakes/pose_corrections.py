@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib.extraction.mistakes.stated_setup import Correction, StatedSetup
+from calib.extraction.mistakes.stated_setup import ConfigCorrection, StatedSetup
 from calib.geometry.se3 import pose_to_rpy
 
 
@@ -19,7 +19,7 @@ class PoseChange(NamedTuple):
 
 def correct_poses(
     stated: StatedSetup, list_changes: Callable[[np.ndarray], Iterable[PoseChange]]
-) -> Iterator[Correction]:
+) -> Iterator[ConfigCorrection]:
     """Yield the setups with one changed pose: of the sensor, or of a target in its body."""
     if stated.T_robot_sensor is not None:
         key = f"sensors.{stated.sensor}.T_robot_sensor"
@@ -32,8 +32,10 @@ def correct_poses(
             yield _describe_change(setup, f"T_body_target of {name}", "", change)
 
 
-def _describe_change(setup: StatedSetup, subject: str, key: str, change: PoseChange) -> Correction:
-    return Correction(
+def _describe_change(
+    setup: StatedSetup, subject: str, key: str, change: PoseChange
+) -> ConfigCorrection:
+    return ConfigCorrection(
         setup,
         f"{subject} does not agree with what {setup.sensor} saw, but {change.words} does",
         f"Set {key or subject} to {describe_pose(change.T)}.",

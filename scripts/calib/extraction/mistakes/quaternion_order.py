@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 
 from calib.extraction.mistakes.pose_corrections import PoseChange, correct_poses
-from calib.extraction.mistakes.stated_setup import Correction, StatedSetup
+from calib.extraction.mistakes.stated_setup import ConfigCorrection, StatedSetup
 from calib.geometry.se3 import pose_from_xyz_quat, pose_to_quat
 
 
-def correct_quaternion_order(stated: StatedSetup) -> Iterator[Correction]:
+def correct_quaternion_order(stated: StatedSetup) -> Iterator[ConfigCorrection]:
     """Yield the setups with quaternions read in the other order (see Mistake)."""
     yield from correct_poses(stated, list_orders)
     if stated.other_quaternions:
-        yield Correction(
+        yield ConfigCorrection(
             replace(stated, T_robot_body=stated.other_quaternions),
             f"what {stated.sensor} saw agrees with the motion capture only if its quaternions are "
             f"read as {', '.join(stated.other_order)}",

@@ -43,7 +43,7 @@ class StatedSetup:
         return self.model.size_px == self.images[0].shape[1::-1]
 
 
-class Correction(NamedTuple):
+class ConfigCorrection(NamedTuple):
     """A setup without one mistake, the mistake in words, and what to write or do."""
 
     setup: StatedSetup
@@ -54,4 +54,4 @@ class Correction(NamedTuple):
 class Mistake(Protocol):
     """A kind of mistake: yields the setups that a user who made it may have meant."""
 
-    def __call__(self, stated: StatedSetup, /) -> Iterable[Correction]: ...
+    def __call__(self, stated: StatedSetup, /) -> Iterable[ConfigCorrection]: ...

@@ -6,7 +6,7 @@ from itertools import permutations, product
 import numpy as np
 
 from calib.extraction.mistakes.pose_corrections import PoseChange, correct_poses
-from calib.extraction.mistakes.stated_setup import Correction, StatedSetup
+from calib.extraction.mistakes.stated_setup import ConfigCorrection, StatedSetup
 from calib.geometry.se3 import make_pose
 
 # Optical axes (x right, y down, z forward) in a body's (x forward, y left, z up).
@@ -15,7 +15,7 @@ OPTICAL_WORDS = "the same in optical axes (x right, y down, z forward, REP 103)"
 BODY_WORDS = "the same in body axes (x forward, y left, z up, REP 103)"
 
 
-def correct_swapped_axes(stated: StatedSetup) -> Iterable[Correction]:
+def correct_swapped_axes(stated: StatedSetup) -> Iterable[ConfigCorrection]:
     """Yield the setups with the axes of one frame exchanged (see Mistake)."""
     return correct_poses(stated, list_axis_swaps)
 
