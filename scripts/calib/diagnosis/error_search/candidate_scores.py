@@ -62,8 +62,21 @@ class ScoreTests:
             if is_free or gain_p_value(drop, len(columns)) > P_SCREEN:
                 continue
             step = fit_score_step(self.terms, free)
+            if self._leaves_linear_range(step):
+                continue
             scatter = cluster_scatter(self.terms, step, columns)
             gain = (step.log_likelihood - current.log_likelihood) / scatter
             if gain_p_value(gain, len(columns)) < P_CONSIDER:
                 out[i] = ScoredCorrection(step, gain, scatter)
         return out
+
+    def _leaves_linear_range(self, step: ScoreStep) -> bool:
+        """Return whether a value is larger than its derivatives allow.
+
+        Sizes of all kinds that are free together, for example, can shrink to nothing.
+        """
+        return any(
+            np.isin(columns, step.free_index).all()
+            and np.abs(step.correction_values[columns]).max() > correction.max_size
+            for correction, columns in self.candidates
+        )

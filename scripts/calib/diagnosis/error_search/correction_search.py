@@ -20,6 +20,7 @@ MAX_SUSPECTED_ERRORS = 6  # accepted beside each other
 # Share of the best gain from which another correction may be the true one.
 MIN_ALTERNATIVE_GAIN_RATIO = 0.5
 MIN_GAIN_PER_PARAMETER = 3.0  # log-likelihood gain that each further parameter must bring
+LEAD_SHARE = 0.5  # of Correction.min_lead: halves of the placements are searched too
 MIN_LIKELIHOOD_RISE = 1e-6  # of a set of corrections, to replace another set
 
 Gains = dict[int, float]  # in log likelihood, by index of the candidate
@@ -108,8 +109,15 @@ class _CorrectionSearch:
     def _likelihood(self, chosen: IndexSet) -> float:
         """Return the log likelihood with the chosen free, less what each must at least gain."""
         self._gains_beside(chosen)
-        sizes = [len(self.tests.candidates[i].columns) for i in chosen]
-        return self.likelihoods[chosen] - float(sum(min_gain(P_CONSIDER, n) for n in sizes))
+        required = [
+            min_gain(P_CONSIDER, len(self.tests.candidates[i].columns)) + self._required_lead(i)
+            for i in chosen
+        ]
+        return self.likelihoods[chosen] - float(sum(required))
+
+    def _required_lead(self, index: int) -> float:
+        """Return by how much a candidate must explain more than another one to be preferred."""
+        return max(self.tests.candidates[index].correction.min_lead, 0.0) * LEAD_SHARE
 
     def _best(self, gains: Gains) -> int:
         """Return the candidate that explains the most for its number of parameters.
@@ -126,5 +134,9 @@ class _CorrectionSearch:
         ]
         return max(
             permanent or gains,
-            key=lambda i: gains[i] - MIN_GAIN_PER_PARAMETER * len(self.tests.candidates[i].columns),
+            key=lambda i: (
+                gains[i]
+                - MIN_GAIN_PER_PARAMETER * len(self.tests.candidates[i].columns)
+                - self._required_lead(i)
+            ),
         )

@@ -57,11 +57,13 @@ class TestableCorrection(Correction):
     """A possible error of the configuration or the hardware that a score test looks for.
 
     kinds: the kinds of measurement that depend on it. min_lead: gain in log likelihood by which it
-    must be ahead of every other explanation to be estimated unasked.
+    must be ahead of every other explanation to be estimated unasked. max_size: of a value; a larger
+    one is no solution, as derivatives no longer hold.
     """
 
     kinds: ClassVar[frozenset[str]] = frozenset(RESIDUAL_KINDS)
     min_lead: ClassVar[float] = -np.inf
+    max_size: ClassVar[float] = np.inf
 
     @property
     @abstractmethod

@@ -27,6 +27,7 @@ from calib.targets.cylinder import Cylinder
 PATTERN_KINDS, BOARD_OUTLINE_KINDS = frozenset({"pattern_corner"}), frozenset({"board_outline"})
 MAX_TESTED_EDGES = 8  # an outline with more edges is tested as a whole only
 MIN_BEND_SINE = 0.1  # at every corner of an outline whose edges are tested one by one
+MAX_SIZE_SHARE = 0.5  # relative error of a size
 Shape = TypeVar("Shape")
 
 
@@ -37,6 +38,7 @@ class SquareSizeCorrection(TargetCorrection):
     name = "square_size"
     kinds = PATTERN_KINDS
     n_values = 1
+    max_size = MAX_SIZE_SHARE
     square_m: float
 
     def derivative(self, linearization: GroupLinearization) -> np.ndarray:
@@ -64,6 +66,7 @@ class OutlineSizeCorrection(TargetCorrection):
     name = "outline_size"
     kinds = BOARD_OUTLINE_KINDS
     n_values = 1
+    max_size = MAX_SIZE_SHARE
 
     def derivative(self, linearization: GroupLinearization) -> np.ndarray:
         return linearization.derivative_by_target(_scale_outline, [FINITE_STEP_RATIO])
@@ -118,6 +121,7 @@ class RadiusCorrection(TargetCorrection):
 
     name = "radius"
     n_values = 1
+    max_size = MAX_SIZE_SHARE
     radius_m: float
 
     def derivative(self, linearization: GroupLinearization) -> np.ndarray:
@@ -143,6 +147,7 @@ class LengthCorrection(TargetCorrection):
 
     name = "length"
     n_values = 1
+    max_size = MAX_SIZE_SHARE
     length_m: float
 
     def derivative(self, linearization: GroupLinearization) -> np.ndarray:

@@ -52,6 +52,7 @@ class RangeScaleCorrection(SensorCorrection):
     name = "range_scale"
     kinds = RETURN_KINDS
     n_values = 1
+    max_size = 0.5
 
     def derivative(self, linearization: GroupLinearization) -> np.ndarray:
         # By the expected ranges: noise in both factors would look like a scale.

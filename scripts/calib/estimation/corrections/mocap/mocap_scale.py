@@ -34,6 +34,7 @@ class MocapScaleCorrection(TestableCorrection, EstimableCorrection):
 
     name = MOCAP_SCALE
     min_lead = 10.0
+    max_size = 10 * SCALE_SIGMA
 
     def affects(self, setup: Setup, group: MeasurementGroup) -> bool:
         session = setup.placements[group.placement].session
