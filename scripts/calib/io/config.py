@@ -4,6 +4,7 @@ Defaults are defined in the schemas alone (workflow/schemas). Unknown keys are r
 path and the nearest known name.
 """
 
+import copy
 import hashlib
 from collections.abc import Collection, Iterable, Iterator
 from functools import cache
@@ -201,8 +202,8 @@ def _load_and_validate(kind: str, path: str) -> Config:
 def _load_rig(path: str) -> Config:
     """Load a rig and check that its files exist and its exports name its own sensors."""
     stated = load_yaml(path)
-    states_bias = "pose_bias_sigma" in ((stated or {}).get("mocap") or {})
-    rig = validate_and_complete("rig", stated, path)
+    rig = validate_and_complete("rig", copy.deepcopy(stated), path)
+    states_bias = "pose_bias_sigma" in stated.get("mocap", {})
     rig["mocap"].setdefault("use_measured_noise", not states_bias)
     export, sensors = rig["export"], rig["sensors"]
     for key, file in (("guess_from", rig.get("guess_from")), ("export.urdf", export.get("urdf"))):

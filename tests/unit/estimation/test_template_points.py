@@ -374,19 +374,19 @@ def extracted(q, keypoints, error=(0,) * 6, min_points=20):
 
 def test_all_returns_near_the_template_are_keypoints_with_the_noise_of_both():
     q = np.concatenate([face(100), [[0, 0, 0.5], [0, 0, -0.3]]])
-    columns, status = extracted(q, "all")
+    columns, status, _ = extracted(q, "all")
     assert status.ok and set(columns["kind"]) == {"template_point"}
     assert np.abs(columns["xyz"] - transform_points(T_BOARD, q[:100])).max() < 1e-12
     assert columns["sigma"] == pytest.approx(np.full(100, np.hypot(0.01, SPACING)))
 
 
 def test_fewer_returns_near_the_template_than_are_asked_for_are_too_few():
-    columns, status = extracted(face(30), "all", min_points=31)
+    columns, status, _ = extracted(face(30), "all", min_points=31)
     assert columns is None and str(status).startswith("too few returns near the template; found 30")
 
 
 def test_the_corners_that_icp_laid_on_a_whole_board_are_near_its_own():
-    columns, status = extracted(face(900), "corners", (0.003, 0.003, 0.02, 0.02, 0.02, 0))
+    columns, status, _ = extracted(face(900), "corners", (0.003, 0.003, 0.02, 0.02, 0.02, 0))
     assert status.ok and set(columns["kind"]) == {"template_vertex"}
     found = transform_points(invert_pose(T_BOARD), columns["xyz"])
     away = np.abs(found - BOARD.outline_points()).max(0)
@@ -395,7 +395,7 @@ def test_the_corners_that_icp_laid_on_a_whole_board_are_near_its_own():
 
 
 def test_a_return_off_the_template_spoils_the_corners():
-    _, status = extracted(np.concatenate([face(100), [[0, 0, 0.05]]]), "corners")
+    _, status, _ = extracted(np.concatenate([face(100), [[0, 0, 0.05]]]), "corners")
     assert str(status).startswith("returns do not fit the template; found a return 0.0")
 
 
@@ -420,7 +420,7 @@ def test_all_of_a_contour_is_measured_where_a_target_is_compared_by_points():
             "u0": [0],
             "v0": [0],
         }
-        columns, status = extract_color_contour(ExtractionContext(*parts), views, 0, image)
+        columns, status, _ = extract_color_contour(ExtractionContext(*parts), views, 0, image)
         assert status.ok
         found[columns["kind"][0]] = columns["uv"]
     ends, _ = PINHOLE.project(transform_points(T, np.array([[0.4, 0, 0], [-0.4, 0, 0]])))

@@ -49,7 +49,7 @@ def score_tests(residuals, slopes, names=None):
     ]
     names = names or [f"error_{i}" for i in range(p)]
     candidates = [
-        Candidate(SimpleNamespace(name=name, subject="s"), np.array([i]))
+        Candidate(SimpleNamespace(name=name, subject="s", min_lead=-np.inf, max_size=np.inf), np.array([i]))
         for i, name in enumerate(names)
     ]
     return ScoreTests(candidates, {"noise": NoiseTerm(blocks, 1, p, 1e-4)})
