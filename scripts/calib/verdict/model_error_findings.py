@@ -80,7 +80,8 @@ def _describe_remedies(error: dict[str, Any]) -> str:
 
 
 def _is_failing_shift(m: float, rad: float, limits: Limits) -> bool:
-    return m > limits["fail_sigma_m"] or rad * DEG_PER_RAD > limits["fail_sigma_deg"]
+    degrees = rad * DEG_PER_RAD
+    return m > limits["fail_error_moves_pose_m"] or degrees > limits["fail_error_moves_pose_deg"]
 
 
 def _describe_suspected_error(
