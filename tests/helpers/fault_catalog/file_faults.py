@@ -71,7 +71,7 @@ FILE_FAULTS = {
     ),
     "square_wrong": FaultCase(
         "squares of the pattern are 80 mm, not 78 as stated",
-        "a wrong size",
+        "the squares of board",
         change_config=change_pattern_config(square_m=0.078),
     ),
     "targets_larger": FaultCase(

@@ -162,7 +162,7 @@ LIDAR_FAULTS = {
     "packets": FaultCase("the lidar's packets in place of clouds", "packets", send_packets),
     "cloud_in_body_frame": FaultCase(
         "a cloud that the driver has moved into the robot's frame",
-        "first guess",
+        "initial guess",
         damage_clouds(transform_into_body),
         note="What is found is the pose of the frame that the cloud is in",
     ),

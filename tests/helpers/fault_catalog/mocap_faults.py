@@ -222,7 +222,7 @@ MOCAP_FAULTS = {
     ),
     "names_exchanged": FaultCase(
         "board and cylinder have each other's name throughout",
-        "its body",
+        "`body` of the target",
         swap_body_names(lambda t: True),
     ),
     "gaps": FaultCase(
