@@ -11,6 +11,7 @@ from calib.diagnosis.error_search.score_terms import Candidate
 from calib.estimation.corrections.score_test import NoiseTerm, ScoreBlock
 
 N_RESIDUALS, N_PLACEMENTS, N_CANDIDATES = 400, 20, 5
+UNLIMITED = {"subject": "s", "min_lead": -np.inf, "max_size": np.inf}
 TRUE_VALUE = 0.05  # in a residual of σ 1 by 10 to 20 for each 1: about 10 σ of the value
 
 # Seeds of problems, by the number of true errors and how alike candidates are, in which a search
@@ -49,7 +50,7 @@ def score_tests(residuals, slopes, names=None):
     ]
     names = names or [f"error_{i}" for i in range(p)]
     candidates = [
-        Candidate(SimpleNamespace(name=name, subject="s", min_lead=-np.inf, max_size=np.inf), np.array([i]))
+        Candidate(SimpleNamespace(name=name, **UNLIMITED), np.array([i]))
         for i, name in enumerate(names)
     ]
     return ScoreTests(candidates, {"noise": NoiseTerm(blocks, 1, p, 1e-4)})
