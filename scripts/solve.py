@@ -97,6 +97,7 @@ def read_moving_sessions(args: argparse.Namespace, options: dict[str, Any]) -> l
 
 
 def parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    """Return the paths and the options of the stage."""
     parser = StageArgumentParser(__doc__)
     parser.add_paths("--pairs", "pairs.parquet of each session")
     parser.add_paths("--placements", "placements.parquet of each session")
