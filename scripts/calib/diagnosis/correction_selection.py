@@ -103,10 +103,11 @@ class HalvesCheck:
         return mounts | (frozenset.intersection(*adopted) if adopted else frozenset())
 
     def annotate(self, error: dict[str, Any]) -> dict[str, Any]:
-        """Return a suspected error with the reason why it is not estimated, if halves are it."""
+        """Return a suspected error with adopted_in_halves, None where all placements together
+        would not estimate it; its description says so if the halves are why it is not estimated."""
         choice = (error["name"], error["subject"])
         if choice not in self.in_full or choice in self.confirmed:
-            return error
+            return error | {"adopted_in_halves": None}
         reason = self._describe_refusal(choice)
         return error | {
             "description": f"{error['description']} (not estimated: {reason})",

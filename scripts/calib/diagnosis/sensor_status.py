@@ -76,13 +76,17 @@ def find_floating_sensors(
 
 
 def find_floating_sensors_of_setup(setup: Setup) -> dict[str, Status]:
-    """Return the floating sensors (find_floating_sensors) of a setup."""
+    """Return the floating sensors (find_floating_sensors) of a setup.
+
+    A mount with a stated alignment_sigma is known to that, even where it is estimated.
+    """
     targets_by_sensor: dict[str, set[str]] = {name: set() for name in setup.models}
     for group in setup.groups:
         targets_by_sensor[group.sensor].add(setup.placements[group.placement].target)
     T_robot_body = {
         name: np.array([p.T_robot_body for p in setup.placements if p.target == name])
         for name in setup.initial_mounts
+        if name not in setup.mount_sigma
     }
     return find_floating_sensors(targets_by_sensor, T_robot_body)
 

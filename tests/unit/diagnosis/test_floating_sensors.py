@@ -1,14 +1,17 @@
 """Unknown mounts that nothing determines: of which sensors they leave the pose open."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calib.diagnosis.observability import direction_spread_deg, normals_and_axes
-from calib.diagnosis.sensor_status import find_floating_sensors
+from calib.diagnosis.sensor_status import find_floating_sensors, find_floating_sensors_of_setup
 from calib.geometry.se3 import make_pose, so3_exp
 from calib.initial_guess.hand_eye import check_mount_placements, predict_mount_sigma
 from calib.io.config import validate_and_complete
 from calib.targets.target_shapes import target_from_config
+from helpers.synthetic_setup import make_synthetic_setup
 
 CHARUCO = {
     "body": "mocap/charuco",
@@ -28,6 +31,10 @@ def poses_turned_by(*rms_deg, n=8, seed=3):
     rng = np.random.default_rng(seed)
     turns = rng.uniform(-np.sqrt(3), np.sqrt(3), (n, 3)) * np.radians(rms_deg)
     return np.array([make_pose(so3_exp(turn), rng.uniform(-1, 1, 3)) for turn in turns])
+
+
+ABOUT_ONE_AXIS = poses_turned_by(40, 0, 0)
+STATED = {"board": np.array([0.004] * 3 + [0.01] * 3)}
 
 
 @pytest.mark.parametrize("rms_deg", [(4, 0, 0), (40, 0, 0), (0, 25, 0.1), (0, 0, 0)])
@@ -62,6 +69,20 @@ def test_a_target_with_known_mount_holds_the_sensors_and_mounts_that_are_seen_to
     open_mounts = {"board": poses_turned_by(4, 0, 0), "other": poses_turned_by(9, 0, 0)}
     seen = {"left": {"board", "cylinder"}, "right": {"board"}, "rear": {"other"}}
     assert set(find_floating_sensors(seen, open_mounts)) == {"rear"}
+
+
+@pytest.mark.parametrize(("mount_sigma", "floating"), [({}, {"camera", "lidar"}), (STATED, set())])
+def test_an_estimated_mount_with_a_stated_alignment_sigma_leaves_no_sensor_open(
+    mount_sigma, floating
+):
+    setup = make_synthetic_setup(0, [("board", None)] * 8)
+    upright = [
+        replace(p, T_robot_body=T) for p, T in zip(setup.placements, ABOUT_ONE_AXIS, strict=True)
+    ]
+    setup = replace(
+        setup, placements=upright, initial_mounts={"board": np.eye(4)}, mount_sigma=mount_sigma
+    )
+    assert set(find_floating_sensors_of_setup(setup)) == floating
 
 
 def test_a_board_without_outline_is_a_board_in_the_advice_on_views():
