@@ -5,4 +5,5 @@ decode_cost   CPU time and memory of decode, and of mcap's own reader
 fuzzing       random damaged logs and configs
 lab_faults    late clocks, moved targets, wrong lenses, biased beams
 page          docs/benchmark.md and its chart
+room_rigs     rigs with the noise of real rooms, for several of these
 """
