@@ -27,6 +27,7 @@ def resting(tmp_path_factory):
     return told(simulate_into(tmp_path_factory.mktemp("resting"), arguments))
 
 
+@pytest.mark.slow
 def test_a_single_placement_fails_and_says_to_hold_targets_in_more_places(resting):
     verdict, calibration = resting
     assert verdict["verdict"] == "fail"
@@ -36,6 +37,7 @@ def test_a_single_placement_fails_and_says_to_hold_targets_in_more_places(restin
     assert advice.startswith("Hold a target still in at least 3 different places")
 
 
+@pytest.mark.slow
 def test_where_nothing_moves_no_clock_is_told(resting):
     for sensor in resting[1]["sensors"].values():
         assert sensor["time_offset_s"] is None

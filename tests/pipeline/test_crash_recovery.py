@@ -106,7 +106,7 @@ def pieces(folder):
 
 
 # Stages of one output, of many, and of a folder; the others write by the same two functions.
-KILLED_FAST, FILLED_FAST = ("solve", "export"), ("decode",)
+KILLED_FAST, FILLED_FAST = ("export",), ("export",)
 
 
 def stage_params(fast):
@@ -199,6 +199,7 @@ def held(folder, site, stage="judge"):
     run.wait()
 
 
+@pytest.mark.slow
 def test_a_run_beside_a_living_one_is_refused(finished_run, finished_run_copy, tmp_path_factory):
     with held(finished_run_copy, tmp_path_factory.mktemp("site")) as run:
         second = run_snakemake(finished_run_copy, STAGES["judge"][0])

@@ -29,6 +29,7 @@ def calibration(folder):
     return json.loads((folder / "results/sim/calibration.json").read_text())
 
 
+@pytest.mark.slow
 def test_a_missing_topic_fails_that_sensor_with_the_nearest_name_and_keeps_the_other(
     finished_run, finished_run_copy
 ):
@@ -232,6 +233,7 @@ def test_a_failed_verdict_removes_stale_exports_and_says_why_last(finished_run_c
     assert "camera: placements 4, fail below 99" in run.stderr.split("sim: FAIL")[1]
 
 
+@pytest.mark.slow
 def test_a_log_that_changed_after_decode_is_refused_by_crop(finished_run_copy):
     (finished_run_copy / "results/sim/sim/velodyne/views.parquet").unlink()
     audit = finished_run_copy / "results/sim/sim/log.json"

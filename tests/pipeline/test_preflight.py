@@ -154,6 +154,7 @@ def test_a_body_that_the_motion_capture_does_not_know_stops_all_and_is_told_once
     assert finding["sensors"] == ["camera", "velodyne"]
 
 
+@pytest.mark.slow
 def test_after_a_preflight_that_failed_nothing_is_said_to_have_stopped(copied):
     edit_yaml(simulated_rig_path(copied), lambda r: r.update(body="mocap/husky"))
     preflight(copied)
@@ -200,6 +201,7 @@ def test_one_placement_at_rest_supports_nothing(tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_turns_about_one_axis_only_ask_to_tilt_the_target(tmp_path):
     """Robot and board turn about the vertical, the board's y."""
     arguments = SMALL_ARGUMENTS.replace("--placements 4", "--placements 6")

@@ -125,6 +125,7 @@ def test_defaults_written_out_re_run_nothing(finished_run_copy):
     assert not list_planned_jobs(finished_run_copy)
 
 
+@pytest.mark.slow
 def test_a_second_run_from_nothing_gives_the_same_bytes(finished_run, finished_run_copy):
     shutil.rmtree(finished_run_copy / "results")
     shutil.rmtree(finished_run_copy / ".snakemake")

@@ -28,11 +28,13 @@ def outcomes():
     return run_fuzz_campaign(CASES, seed=0, n_cores=1)
 
 
+@pytest.mark.slow
 def test_no_case_breaks(outcomes):
     broken = [o for o in outcomes if o.end == "broken"]
     assert len(outcomes) == CASES and not broken, broken[0].message
 
 
+@pytest.mark.slow
 def test_cases_of_every_kind_end_in_every_way_so_that_they_reach_what_they_are_to_test(outcomes):
     ends = Counter((o.kind, o.end) for o in outcomes)
     for kind in ("damaged log", "hostile log"):
@@ -41,6 +43,7 @@ def test_cases_of_every_kind_end_in_every_way_so_that_they_reach_what_they_are_t
     assert ends["config", "result"] >= 3 and ends["config", "refused"] >= 50
 
 
+@pytest.mark.slow
 def test_no_case_takes_more_memory_than_a_good_log(outcomes):
     assert max(o.peak_memory_mb for o in outcomes) < 500
 

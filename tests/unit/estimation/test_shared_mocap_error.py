@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from calib.estimation.nlp.information_matrix import covariance_from_information
 from calib.estimation.solver import estimate_poses
@@ -48,6 +49,7 @@ def test_a_coarse_mcs_does_not_limit_what_two_sensors_that_overlap_know_of_each_
     assert together < COARSE * MCS_SIGMA[0]
 
 
+@pytest.mark.slow
 def test_with_and_without_a_common_view_the_error_is_by_its_sigma():
     """NEES/6 of 10 draws within the band of 99.9 %, [0.47, 1.80]."""
     for apart in (False, True):

@@ -336,6 +336,7 @@ def result(folder):
     return {n: np.array(s["T_robot_sensor"]["matrix"]) for n, s in sensors.items()}
 
 
+@pytest.mark.slow
 def test_a_run_writes_the_calibration_into_the_urdf_and_then_plans_nothing(mounted):
     assert {rule for rule, _ in list_planned_jobs(mounted)} == {"export"}
     run_to_completion(mounted)
