@@ -105,8 +105,8 @@ def pieces(folder):
     return [p for p in (folder / "results").rglob(".*.part")]
 
 
-# Stages of one output, of many, and of a folder; the others write by the same two functions.
-KILLED_FAST, FILLED_FAST = ("export",), ("export",)
+# A stage that writes a folder; the others write by the same functions.
+KILLED_FAST, FILLED_FAST = ("export",), ()
 
 
 def stage_params(fast):

@@ -175,6 +175,7 @@ def test_suspicions_are_told_with_rivals_effect_and_remedy(report_files, skip_fi
             "sigma": [0.001],
             "log_likelihood_gain": 30.0,
             "p_value": 1e-14,
+            "adopted_in_halves": None,
             "explained_share": {"left/corner": 0.4, "mocap_noise": 0.01},
             "pose_shift": {"left": {"m": 0.0123, "rad": 0.001, "sigmas": 9.0}},
             "alternatives": [rival],
