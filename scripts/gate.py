@@ -79,8 +79,10 @@ def find_placements(
     for target, body in sorted(options["targets"].items()):
         trajectory = trajectory_from_columns(columns, body, mocap["max_gap_s"])
         relative = relative_trajectory(robot, trajectory)
+        at_rest = {"robot": noise.get(robot_body), "body": noise.get(body)}
+        raised = placements.raise_limits_by_noise(limits, relative, at_rest)
         slow_noise = {"robot": used.get(robot_body), "body": used.get(body)}
-        found = placements.find_target_placements(target, relative, limits, sigma, slow_noise)
+        found = placements.find_target_placements(target, relative, raised, sigma, slow_noise)
         n_still = sum(r["kind"] == "still" for r in found)
         rows += found
         status = placements.body_status(audit, robot_body, body)
@@ -90,7 +92,7 @@ def find_placements(
                 body,
                 trajectory=relative,
                 stamps_ns=trajectory.stamps_ns,
-                limits=limits,
+                limits=raised,
             )
         statuses[target] = status
         logger.info("%s: %d still intervals of %d", target, n_still, len(found))

@@ -17,6 +17,8 @@ from calib.mocap.stillness import (
     fit_residual_drift,
 )
 
+DISTANCE_QUANTILE = 0.9  # of a target's distances from the robot, its lever arm
+
 
 def average_still_pose(
     trajectory: Trajectory, interval_ns: Sequence[int] | np.ndarray, pose_sigma: np.ndarray
@@ -46,6 +48,27 @@ def single_pose_covariance(T_robot_body: np.ndarray, sigma: np.ndarray) -> np.nd
     """Return the covariance (6, 6) of one T_robot_body if both bodies' poses err by sigma (6,)."""
     A = adjoint(invert_pose(T_robot_body))
     return np.diag(sigma**2) + A @ np.diag(sigma**2) @ A.T
+
+
+def raise_limits_by_noise(
+    limits: StillnessLimits, trajectory: Trajectory, noise: dict[str, RestNoise | None]
+) -> StillnessLimits:
+    """Return the limits of a target relative to the robot where motion capture scatters.
+
+    The robot's rotation noise moves a distant target. noise: of `robot` and `body` at rest. A body
+    that scatters more than the robot may sway in a hand: that is motion.
+    """
+    found = [n.speed_sigma(limits.window_s) for n in noise.values() if n is not None]
+    if len(trajectory.poses) == 0 or not found:
+        return limits
+    robot = found[0] if noise["robot"] is None else noise["robot"].speed_sigma(limits.window_s)
+    body = np.minimum(robot, found[-1])
+    distances = np.linalg.norm(trajectory.poses[:, :3, 3], axis=1)
+    lever_m = float(np.quantile(distances, DISTANCE_QUANTILE))
+    moved = lever_m * np.sort(robot[3:])[1:]  # about the two axes that scatter most
+    linear = np.linalg.norm(np.concatenate([robot[:3], body[:3], moved]))
+    angular = np.linalg.norm(np.concatenate([robot[3:], body[3:]]))
+    return limits.raised_by(float(linear), float(angular))
 
 
 def middle_moving_pose(trajectory: Trajectory, interval_ns: np.ndarray) -> dict[str, Any]:

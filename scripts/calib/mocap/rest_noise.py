@@ -1,8 +1,8 @@
 """Noise of motion capture, white and slow, from the poses of a body at rest.
 
-Means over neighbouring blocks of a rest differ by white noise, which averages out, and by slow
-noise, which does not. Their differences at doubling block lengths (Allan variances) are compared
-with those of white noise and a first-order Gauss-Markov process, per axis of the body.
+Means over blocks of a rest differ by white noise, which averages out, and by slow noise, which does
+not. They are compared with the covariance that white noise and a first-order Gauss-Markov process
+give them, per axis of the body. The mean over the whole rest tells nothing: the pose is unknown.
 """
 
 from collections.abc import Iterable
@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import null_space
 
 from calib.geometry.se3 import mean_pose
 from calib.geometry.units import NS_PER_S
@@ -18,28 +19,29 @@ from calib.io.pose_block import pose_sigma_from_config
 from calib.mocap.body_trajectory import Trajectory, trajectory_from_columns
 from calib.mocap.stillness import StillnessLimits, find_still_intervals
 
-FIRST_BLOCK_SAMPLES = 4  # in the shortest blocks
+MIN_BLOCK_SAMPLES, MAX_BLOCKS = 4, 64  # in a block, of a rest
 MIN_BLOCK_SHARE = 0.5  # of its samples, that a block must have where poses were lost
-MIN_BLOCK_PAIRS = 8  # of all lengths together, for an estimate
+MIN_REST_BLOCKS = 3  # of a rest that is used
+MIN_BLOCKS = 8  # of all rests together, beyond one of each, for an estimate
 # Slow noise is taken in only where white noise is this unlikely: log of the likelihood ratio,
 # χ² of two degrees of freedom at 99.99 %.
 MIN_LOG_RATIO = 9.2
 # Rests tell how fast slow noise grows, and its size if they are longer than its time constant.
 # Longer time constants than this, in lengths of the longest rest, are not considered.
 MAX_TIME_CONSTANT_RESTS = 10.0
-N_TIME_CONSTANTS, N_VARIANCE_RATIOS = 24, 80
-VARIANCE_RATIOS = (1e-4, 1e6)  # slow over white, the grid
+N_TIME_CONSTANTS, N_VARIANCE_RATIOS = 24, 40
+VARIANCE_RATIOS = (1e-3, 1e5)  # slow over white, the grid
 MAX_STATED_RATIO = 1.5  # of measured slow noise to the stated bias, above which it is named
 MIN_VARIANCE = 1e-24  # m², rad²: of poses without noise
 
 
-class BlockDifferences(NamedTuple):
-    """Allan variances (k, 6) at block lengths (k,), s; samples per block, number of pairs (k,)."""
+class RestBlocks(NamedTuple):
+    """Means (k, 6) over the blocks of one rest: their numbers (k,), samples (k,) and length, s."""
 
-    variance: np.ndarray
-    length_s: np.ndarray
+    number: np.ndarray
+    mean: np.ndarray
     samples: np.ndarray
-    pairs: np.ndarray
+    length_s: float
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,14 @@ class RestNoise:
         """Return the σ (6,) of the mean of a rest."""
         white = self.white * np.sqrt(min(1.0, self.period_s / duration_s))
         return np.hypot(white, self.slow_mean_sigma(duration_s))
+
+    def speed_sigma(self, window_s: float) -> np.ndarray:
+        """Return the σ (6,), per s, of the slope over a window that noise alone makes."""
+        n = max(3, round(window_s / self.period_s))
+        s = (np.arange(n) - (n - 1) / 2) * self.period_s
+        weight = s / (s @ s)
+        kept = np.exp(-np.abs(s[:, None] - s) / self.time_constant_s[:, None, None])
+        return np.sqrt(self.white**2 * (weight @ weight) + self.slow**2 * (weight @ kept @ weight))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values as JSON, with the σ of a mean over one second."""
@@ -105,88 +115,93 @@ def measure_rest_noise(trajectory: Trajectory, rests_ns: np.ndarray) -> RestNois
     for start, end in rests_ns:
         rows = (t >= start) & (t <= end)
         rests.append(((t[rows] - start) / NS_PER_S, mean_pose(trajectory.poses[rows])[1]))
-    differences = _difference_blocks(rests, period_s)
-    if differences.pairs.sum() < MIN_BLOCK_PAIRS:
+    blocks = [found for s, xi in rests if (found := _average_blocks(s, xi, period_s)) is not None]
+    if sum(len(found.number) - 1 for found in blocks) < MIN_BLOCKS:
         return None
-    longest_s = float((rests_ns[:, 1] - rests_ns[:, 0]).max() / NS_PER_S)
-    rest_s = float((rests_ns[:, 1] - rests_ns[:, 0]).sum() / NS_PER_S)
-    return RestNoise(*_fit_noise(differences, longest_s), period_s, rest_s, longest_s)
+    duration_s = np.diff(rests_ns, axis=1)[:, 0] / NS_PER_S
+    noise = _fit_noise(blocks, duration_s)
+    return RestNoise(*noise, period_s, float(duration_s.sum()), float(duration_s.max()))
 
 
-def _difference_blocks(
-    rests: list[tuple[np.ndarray, np.ndarray]], period_s: float
-) -> BlockDifferences:
-    """Return the Allan variances of rests: times (n,), s, and deviations (n, 6) from their mean."""
-    length_s, rows = FIRST_BLOCK_SAMPLES * period_s, []
-    longest_s = max((s[-1] for s, _ in rests if len(s)), default=0.0)
-    while 2 * length_s <= longest_s + period_s:
-        least = MIN_BLOCK_SHARE * length_s / period_s
-        found = [_paired_blocks(s, xi, length_s, least) for s, xi in rests]
-        squares = np.concatenate([d for d, _ in found]) ** 2 / 2
-        counts = np.concatenate([c for _, c in found])
-        if len(squares):
-            rows.append((squares.mean(0), length_s, 1 / (1 / counts).mean(), len(squares)))
-        length_s *= 2
-    if not rows:
-        return BlockDifferences(np.zeros((0, 6)), np.zeros(0), np.zeros(0), np.zeros(0))
-    return BlockDifferences(*(np.array(column) for column in zip(*rows, strict=True)))
-
-
-def _paired_blocks(
-    s: np.ndarray, deviations: np.ndarray, length_s: float, min_samples: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return differences (p, 6) of neighbouring blocks, and their samples (p,) per block."""
+def _average_blocks(s: np.ndarray, deviations: np.ndarray, period_s: float) -> RestBlocks | None:
+    """Return the blocks of a rest: times (n,), s, and deviations (n, 6); None if too few."""
+    if len(s) == 0:
+        return None
+    length_s = max(MIN_BLOCK_SAMPLES * period_s, (s[-1] + period_s) / MAX_BLOCKS)
     block = np.floor(s / length_s).astype(int)
-    n_pairs = (block.max(initial=-1) + 1) // 2
-    count = np.bincount(block, minlength=2 * n_pairs + 1).astype(float)
-    sums = np.stack([np.bincount(block, v, len(count)) for v in deviations.T], 1)
-    means = sums / np.maximum(count, 1)[:, None]
-    first, second = (slice(k, 2 * n_pairs, 2) for k in (0, 1))
-    full = np.minimum(count[first], count[second]) >= min_samples
-    samples = 2 / (1 / np.maximum(count[first], 1) + 1 / np.maximum(count[second], 1))
-    return (means[second] - means[first])[full], samples[full]
+    samples = np.bincount(block).astype(float)
+    sums = np.stack([np.bincount(block, v) for v in deviations.T], 1)
+    number = np.flatnonzero(samples >= MIN_BLOCK_SHARE * length_s / period_s)
+    if len(number) < MIN_REST_BLOCKS:
+        return None
+    return RestBlocks(number, sums[number] / samples[number, None], samples[number], length_s)
 
 
-def _fit_noise(d: BlockDifferences, longest_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _fit_noise(
+    blocks: list[RestBlocks], duration_s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return σ (6,) of white noise, σ (6,) of slow noise and its time constant (6,), s.
 
-    The likelihood of all variances is taken on a grid of time constants and of ratios of slow to
-    white noise. The axes share the time constant. Rests shorter than it leave it open: variances
-    are averaged over the grid, and the time constant is the one that keeps the rate at which slow
-    noise grows.
+    The likelihood is taken on a grid of time constants and of ratios of slow to white noise. The
+    axes share the time constant. Rests shorter than it leave it open: what slow noise leaves in the
+    mean of a rest is averaged over the grid. duration_s: (k,) of the rests.
     """
-    last_s = MAX_TIME_CONSTANT_RESTS * longest_s
-    tau = np.geomspace(min(d.length_s[0], last_s / 2), last_s, N_TIME_CONSTANTS)
+    last_s = MAX_TIME_CONSTANT_RESTS * float(duration_s.max())
+    first_s = min(min(found.length_s for found in blocks), last_s / 2)
+    tau = np.geomspace(first_s, last_s, N_TIME_CONSTANTS)
     ratio = np.append(0.0, np.geomspace(*VARIANCE_RATIOS, N_VARIANCE_RATIOS))
-    white, log_likelihood = _axis_likelihoods(d, tau, ratio)
+    white, log_likelihood = _axis_likelihoods(blocks, tau, ratio)
     evidence = log_likelihood.max((1, 2)) - log_likelihood[:, 0, 0]
     if evidence.max() < MIN_LOG_RATIO:
-        return np.sqrt(white[:, 0, 0]), np.zeros(6), np.full(6, longest_s)
-    largest = log_likelihood.max(2, keepdims=True)
-    weight = np.exp(log_likelihood - largest)
-    by_time = (largest[..., 0] + np.log(weight.sum(2))).sum(0)
-    weight *= (np.exp(by_time - by_time.max()) / weight.sum(2))[..., None]
-    weight /= weight.sum((1, 2), keepdims=True)
-    slow = white * ratio
-    slow_variance = (weight * slow).sum((1, 2))
-    rate = (weight * slow / tau[:, None]).sum((1, 2))
-    time_constant_s = np.where(rate > 0, slow_variance / np.where(rate > 0, rate, 1.0), longest_s)
-    return np.sqrt((weight * white).sum((1, 2))), np.sqrt(slow_variance), time_constant_s
+        return np.sqrt(white[:, 0, 0]), np.zeros(6), np.full(6, duration_s.max())
+    weight = np.exp(log_likelihood - log_likelihood.max(2, keepdims=True))
+    by_time = (log_likelihood.max(2) + np.log(weight.sum(2))).sum(0)
+    probability = np.exp(by_time - by_time.max())
+    probability /= probability.sum()
+    weight *= (probability / weight.sum(2))[..., None]
+    time_constant_s = float(np.exp(probability @ np.log(tau)))
+    usual_s = float(np.median(duration_s))
+    share = mean_variance_share(usual_s, tau) / mean_variance_share(usual_s, time_constant_s)
+    slow = (weight * white * ratio * share[:, None]).sum((1, 2))
+    return np.sqrt((weight * white).sum((1, 2))), np.sqrt(slow), np.full(6, time_constant_s)
 
 
 def _axis_likelihoods(
-    d: BlockDifferences, tau: np.ndarray, ratio: np.ndarray
+    blocks: list[RestBlocks], tau: np.ndarray, ratio: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return variance of white noise and log likelihood (6, t, r) at time constants and ratios."""
-    x = d.length_s / tau[:, None]
-    slow_shape = mean_variance_share(d.length_s, tau[:, None]) - (np.expm1(-x) / x) ** 2
-    shape = 1 / d.samples + ratio[:, None] * slow_shape[:, None]
-    white = (d.pairs * np.maximum(d.variance.T, MIN_VARIANCE)[:, None, None] / shape).sum(-1)
-    white /= d.pairs.sum()
-    log_likelihood = -(d.pairs * np.log(white[..., None] * shape)).sum(-1) / 2
-    constant = (d.variance <= MIN_VARIANCE).all(0)
+    """Return variance of white noise and log likelihood (6, t, r) at time constants and ratios.
+
+    The mean of each rest is unknown. White noise is the one that fits each ratio best.
+    """
+    square, log_det, n = np.zeros((6, len(tau), len(ratio))), np.zeros((len(tau), len(ratio))), 0
+    for found in blocks:
+        eigenvalues, amplitudes = _slow_noise_modes(found, tau)
+        variance = 1 + ratio[:, None] * eigenvalues[:, None]
+        square += np.einsum("tna,trn->atr", amplitudes**2, 1 / variance)
+        log_det += np.log(variance).sum(-1)
+        n += eigenvalues.shape[1]
+    white = np.maximum(square / n, MIN_VARIANCE)
+    log_likelihood = -(n * np.log(white) + log_det) / 2
+    constant = (square / n <= MIN_VARIANCE).all((1, 2))
     log_likelihood[constant], white[constant] = 0.0, 0.0
     return white, log_likelihood
+
+
+def _slow_noise_modes(blocks: RestBlocks, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the modes of slow noise of variance 1 in the blocks of a rest, by time constant (t,).
+
+    Their variances (t, m) over that of white noise of variance 1, and amplitudes (t, m, 6).
+    """
+    root = np.sqrt(blocks.samples)
+    contrasts = null_space(root[None]).T * root
+    distance_s = np.abs(blocks.number[:, None] - blocks.number) * blocks.length_s
+    later_s, time_s = np.maximum(distance_s, blocks.length_s), tau[:, None, None]
+    correlation = mean_correlation(later_s, blocks.length_s, time_s)
+    correlation = np.where(distance_s > 0, correlation, 1.0)
+    slow = mean_variance_share(blocks.length_s, time_s) * correlation
+    values, vectors = np.linalg.eigh(contrasts @ slow @ contrasts.T)
+    amplitudes = np.swapaxes(vectors, 1, 2) @ (contrasts @ blocks.mean)
+    return np.maximum(values, 0.0), amplitudes
 
 
 def measure_body_noise(

@@ -1,6 +1,6 @@
 """Intervals in which a body is still relative to another, and how much its poses there tell."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,8 @@ from calib.geometry.mask_runs import find_runs
 from calib.geometry.se3 import so3_log
 from calib.geometry.units import NS_PER_S
 from calib.mocap.body_trajectory import Trajectory, window_bounds
+
+NOISE_SPEEDS = 3.0  # rms of the speeds that noise makes, which a body at rest stays below
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,14 @@ class StillnessLimits:
             trim_s=options["trim_s"],
             min_duration_s=options["min_duration_s"],
             max_rest_gap_s=options["max_rest_gap_s"],
+        )
+
+    def raised_by(self, linear_mps: float, angular_radps: float) -> "StillnessLimits":
+        """Return limits above the speeds of this rms, m/s and rad/s, that noise alone makes."""
+        return replace(
+            self,
+            max_linear_mps=max(self.max_linear_mps, NOISE_SPEEDS * linear_mps),
+            max_angular_radps=max(self.max_angular_radps, NOISE_SPEEDS * angular_radps),
         )
 
 

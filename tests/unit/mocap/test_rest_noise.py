@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from numpy.lib.stride_tricks import sliding_window_view
 
-from calib.geometry.se3 import se3_exp
+from calib.geometry.se3 import se3_exp, so3_log
 from calib.geometry.units import NS_PER_S
 from calib.mocap.body_trajectory import Trajectory
 from calib.mocap.rest_noise import (
+    RestNoise,
     describe_rest_noise,
     mean_correlation,
     mean_variance_share,
@@ -64,6 +66,32 @@ def test_slow_noise_of_three_seconds_shows_in_rests_of_0_8_s():
     noises = [measure_rest_noise(body_at_rest(rests, seed=seed), rests) for seed in range(8)]
     ratio = np.mean([n.slow for n in noises], 0) / SLOW
     assert (ratio > 0.6).all() and (ratio < 1.6).all()
+
+
+@pytest.mark.parametrize("duration_s, count, time_s", [(0.8, 8, 0.7), (0.8, 8, 3.0), (5.0, 6, 3.0)])
+def test_the_sigma_of_the_mean_of_a_rest_is_true_where_rests_are_few_and_short(
+    duration_s, count, time_s
+):
+    """(σ true / σ estimated)², on average over 10 draws and the axes, is what NEES would be."""
+    rests = rests_of(duration_s, count)
+    noises = [
+        measure_rest_noise(body_at_rest(rests, seed=seed, time_s=time_s), rests)
+        for seed in range(10)
+    ]
+    expected = SLOW * np.sqrt(mean_variance_share(duration_s, time_s))
+    nees = [(expected / n.slow_mean_sigma(duration_s)) ** 2 for n in noises]
+    assert 0.6 < np.mean(nees) < 1.5
+
+
+def test_noise_makes_the_speeds_that_are_stated():
+    """Slopes over 0.3 s of 40 s with white and slow noise of 0.7 s."""
+    rests = rests_of(40.0, 1)
+    body = body_at_rest(rests, time_s=0.7, seed=3)
+    xi = np.stack([np.concatenate([T[:3, 3], so3_log(T[:3, :3])]) for T in body.poses])
+    s = (np.arange(30) - 14.5) / 100
+    slopes = np.einsum("nks,s->nk", sliding_window_view(xi, 30, axis=0), s) / (s @ s)
+    stated = RestNoise(WHITE, SLOW, np.full(6, 0.7), 0.01, 40.0, 40.0).speed_sigma(0.3)
+    assert stated == pytest.approx(slopes.std(0), rel=0.15)
 
 
 def test_bodies_without_rests_have_no_measured_noise():

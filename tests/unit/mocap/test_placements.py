@@ -1,0 +1,76 @@
+"""Placements of a target that rests relative to the robot, where motion capture scatters."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.geometry.se3 import make_pose, se3_exp
+from calib.geometry.units import NS_PER_S
+from calib.mocap.body_trajectory import Trajectory, relative_trajectory
+from calib.mocap.placements import find_target_placements, raise_limits_by_noise
+from calib.mocap.rest_noise import measure_rest_noise
+from calib.mocap.stillness import StillnessLimits, find_still_intervals
+from simulation.sensors.mocap_errors import draw_gauss_markov
+
+LIMITS = StillnessLimits(0.3, 0.01, np.radians(0.75), 0.1, 0.3, 0.5)
+WANDER = np.append(np.full(3, 0.000145), np.radians([0.019, 0.070, 0.020]))  # a Qualisys room
+WHITE = np.repeat([0.00005, np.radians(0.005)], 3)
+N_RESTS, PERIOD_S = 8, 1.8
+
+
+def body_that_rests(seed, *, distance_m, step_m=0.2, sway_m=0.0, wander=WANDER):
+    """A body that rests for 1 s of every 1.8 s, and goes on by step_m in between."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0, round(N_RESTS * PERIOD_S * NS_PER_S), 10_000_000)
+    rest, phase_s = np.divmod(t / NS_PER_S, PERIOD_S)
+    share = np.clip((phase_s - 1.0) / (PERIOD_S - 1.0), 0, 1)
+    xyz = np.zeros((len(t), 3))
+    xyz[:, 0] = distance_m
+    xyz[:, 1] = step_m * (rest + share**3 * (10 - 15 * share + 6 * share**2))
+    xyz[:, 2] = sway_m * np.sin(2 * np.pi * t / NS_PER_S / 1.7)
+    xi = WHITE * rng.standard_normal((len(t), 6)) + wander * draw_gauss_markov(rng, t, 0.7)
+    T = np.stack([make_pose(np.eye(3), p) for p in xyz]) @ se3_exp(xi)
+    return Trajectory(t, T, 50_000_000)
+
+
+def placements_of(robot, body, limits=LIMITS):
+    relative = relative_trajectory(robot, body)
+    noise = {
+        name: measure_rest_noise(trajectory, find_still_intervals(trajectory, LIMITS))
+        for name, trajectory in (("robot", robot), ("body", body))
+    }
+    raised = raise_limits_by_noise(limits, relative, noise)
+    rows = find_target_placements("board", relative, raised, np.full(6, 1e-4), noise)
+    return raised, [r for r in rows if r["kind"] == "still"]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_slow_rotation_noise_of_the_robot_breaks_no_rest_of_a_target_3_m_away(seed):
+    """0.07 degrees over 0.7 s move the target by 12 mm/s, above the limit of 10 mm/s."""
+    robot = body_that_rests(seed, distance_m=0.0, step_m=0.0)
+    still = placements_of(robot, body_that_rests(100 + seed, distance_m=3.0))[1]
+    assert len(still) == N_RESTS
+    assert np.median([r["end_ns"] - r["start_ns"] for r in still]) > 0.7 * NS_PER_S
+
+
+def test_without_noise_the_limits_of_the_config_hold():
+    still = {"distance_m": 0.0, "step_m": 0.0, "wander": np.zeros(6)}
+    body = body_that_rests(2, distance_m=3.0, wander=np.zeros(6))
+    raised, _ = placements_of(body_that_rests(1, **still), body)
+    assert raised.max_linear_mps < 0.0105 and raised.max_angular_radps < np.radians(0.8)
+
+
+def test_a_body_that_sways_in_a_hand_raises_no_limit():
+    """Sway of 2 mm in 1.7 s: 7 mm/s, which the body shows as slow noise and the robot does not."""
+    robot = body_that_rests(1, distance_m=0.0, step_m=0.0, wander=np.zeros(6))
+    body = body_that_rests(2, distance_m=3.0, sway_m=0.002, wander=np.zeros(6))
+    raised, _ = placements_of(robot, body)
+    assert raised.max_linear_mps < 0.0105
+
+
+def test_without_measured_noise_the_limits_stay():
+    robot, body = (body_that_rests(i, distance_m=2.0 * i) for i in (0, 1))
+    nothing = {"robot": None, "body": None}
+    assert raise_limits_by_noise(LIMITS, relative_trajectory(robot, body), nothing) == LIMITS
+    assert replace(LIMITS).raised_by(0.0, 0.0) == LIMITS
