@@ -39,8 +39,9 @@ benchmark: .venv/.installed ## measure accuracy and cost into docs/benchmark.md
 benchmark-quick: .venv/.installed ## the same with the fewest placements, to the terminal
 	.venv/bin/python scripts/benchmark.py benchmark --quick
 
-faults: .venv/.installed ## measure what faults of recordings come to into docs/faults.md
+faults: .venv/.installed ## measure what faults of recordings and the advice on them come to into docs/faults.md
 	PYTHONPATH=scripts:tests OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 .venv/bin/python -m helpers.fault_catalog.fault_table faults
+	PYTHONPATH=scripts .venv/bin/python -m benchmarking.fault_matrix.fault_matrix faults/matrix
 
 lock: .venv/.installed ## resolve requirements.in into requirements.txt (UPGRADE=--upgrade: newest versions)
 	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes \

@@ -1,7 +1,8 @@
-"""Developer tool: measures accuracy, cost and robustness; writes docs/benchmark.md.
+"""Developer tool: measures accuracy, cost and robustness; writes docs/benchmark.md and faults.md.
 
 accuracy      errors with known truth, and coverage of the covariance
 decode_cost   CPU time and memory of decode, and of mcap's own reader
+fault_matrix  faults × causes named, errors, and what the advice comes to
 fuzzing       random damaged logs and configs
 lab_faults    late clocks, moved targets, wrong lenses, biased beams
 page          docs/benchmark.md and its chart

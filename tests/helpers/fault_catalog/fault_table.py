@@ -25,6 +25,7 @@ import gate
 import guess
 import judge
 import solve
+from benchmarking.fault_matrix.matrix_page import split_page
 from benchmarking.page.markdown import render_markdown
 from calib.geometry.se3 import invert_pose, rotation_angle
 from calib.io.logs.open_log import fingerprint_log
@@ -247,7 +248,9 @@ def main(argv=None):
     parser.add_argument("--cores", type=int, default=2)
     args = parser.parse_args(argv)
     found = measure_all_faults(args.work.resolve(), list(FAULT_CASES), args.keep, args.cores)
-    (args.docs / "faults.md").write_text(render_fault_page(found))
+    page = args.docs / "faults.md"
+    matrix = split_page(page.read_text())[1] if page.exists() else ""
+    page.write_text(render_fault_page(found) + matrix)
 
 
 if __name__ == "__main__":
