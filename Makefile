@@ -1,5 +1,5 @@
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-rest test-all lint benchmark benchmark-quick faults lock clean
+.PHONY: help setup demo test test-rest test-all lint benchmark benchmark-quick split-halves faults lock clean
 .DELETE_ON_ERROR:
 
 help: ## list the targets
@@ -39,6 +39,10 @@ benchmark: .venv/.installed ## measure accuracy and cost into docs/benchmark.md
 benchmark-quick: .venv/.installed ## the same with the fewest placements, to the terminal
 	.venv/bin/python scripts/benchmark.py benchmark --quick
 
+split-halves: .venv/.installed ## measure whether σ is true into docs/benchmark.md (RECORDINGS=folders of runs: these too)
+	PYTHONPATH=scripts OMP_NUM_THREADS=1 .venv/bin/python -m benchmarking.split_halves.split_half_page \
+		split_halves --recordings $(RECORDINGS)
+
 faults: .venv/.installed ## measure what faults of recordings and the advice on them come to into docs/faults.md
 	PYTHONPATH=scripts:tests OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 .venv/bin/python -m helpers.fault_catalog.fault_table faults
 	PYTHONPATH=scripts .venv/bin/python -m benchmarking.fault_matrix.fault_matrix faults/matrix
@@ -50,5 +54,5 @@ lock: .venv/.installed ## resolve requirements.in into requirements.txt (UPGRADE
 	sed -n '/^# development/q; s/^\([^#]*[^# ]\).*/      - \1/p' requirements.in >>workflow/envs/calib.yaml
 
 clean: ## remove caches and the demo's files
-	rm -rf demo benchmark faults .pytest_cache .ruff_cache .mypy_cache .hypothesis .setup.log
+	rm -rf demo benchmark split_halves faults .pytest_cache .ruff_cache .mypy_cache .hypothesis .setup.log
 	find scripts tests -name __pycache__ -prune -exec rm -rf {} +

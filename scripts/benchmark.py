@@ -8,9 +8,6 @@ and benchmark.svg into --docs.
 import argparse
 import json
 import shutil
-import subprocess
-import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -46,10 +43,6 @@ from benchmarking.accuracy.simulation_plan import (
     simulated_log_name,
     speed_rig_config,
 )
-from benchmarking.accuracy.split_half_nees import (
-    build_split_half_section,
-    measure_split_halves,
-)
 from benchmarking.decode_cost.decode_cost import build_decode_section, measure_decode_costs
 from benchmarking.decode_cost.process_cost import RunSpeed, parse_stage_costs, time_raw_read
 from benchmarking.fuzzing.case_runner import run_fuzz_campaign
@@ -67,8 +60,8 @@ from benchmarking.lab_faults.lab_faults import (
 from benchmarking.lab_faults.lab_faults_page import build_lab_section
 from benchmarking.page.benchmark_page import DrawResults, render_benchmark_page
 from benchmarking.page.error_chart import render_error_chart_svg
-
-ROOT = Path(__file__).resolve().parents[1]
+from benchmarking.pipeline_runs import ROOT, make_with_snakemake, simulate_log
+from benchmarking.split_halves.split_half_page import HALVED_RIGS, measure_section
 
 
 def parse_benchmark_arguments(argv: list[str] | None) -> argparse.Namespace:
@@ -99,32 +92,6 @@ def parse_benchmark_arguments(argv: list[str] | None) -> argparse.Namespace:
     )
     add("--keep-logs", action="store_true", help="use the logs of an earlier run in WORK")
     return parser.parse_args(argv)
-
-
-def simulate_log(folder: Path, arguments: list[str], has_kept_logs: bool) -> None:
-    """Simulate one log with its truth into a folder, unless it is there and has_kept_logs."""
-    if has_kept_logs and (folder / "truth.json").exists():
-        return
-    command = [sys.executable, str(ROOT / "scripts" / "simulate.py"), str(folder), *arguments]
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        raise RuntimeError(f"simulation of {folder.name} failed:\n{done.stderr}")
-
-
-def make_with_snakemake(run_folder: Path, targets: list[str], cores: int) -> tuple[bool, float]:
-    """Make targets in a working directory; return whether all were made, and the seconds."""
-    command = [
-        str(Path(sys.executable).with_name("snakemake")),
-        "-s",
-        str(ROOT / "Snakefile"),
-        "-d",
-        str(run_folder),
-    ]
-    command += ["--cores", str(cores), "--keep-going", "--", *targets]
-    begin = time.perf_counter()
-    with (run_folder / "snakemake.log").open("a") as log:
-        done = subprocess.run(command, stdout=log, stderr=log).returncode == 0
-    return done, time.perf_counter() - begin
 
 
 def write_run_config(run_folder: Path, logs: Path, cases: list[AccuracyCase]) -> None:
@@ -259,10 +226,10 @@ def main(argv: list[str] | None = None) -> None:
     draws = args.draws or (4 if args.quick else 100)
     sizes = list_accuracy_cases(args.quick), 5 if args.quick else 30, draws
     lines, speeds, found = measure_accuracy(args.work.resolve(), *sizes, args)
-    simulated = args.work.resolve() / "logs" / SPEED_FOLDER
-    halves = measure_split_halves([simulated, *args.recordings], 4 if args.quick else 30)
+    rooms = list(HALVED_RIGS)[:1] if args.quick else list(HALVED_RIGS)
+    halved, seeds = args.work.resolve() / "halves", 0 if args.quick else 3
     sections = [
-        build_split_half_section(halves),
+        measure_section(halved, args.recordings, rooms, draws=4 if args.quick else 30, seeds=seeds),
         build_lab_section(measure_lab_faults(args.work.resolve() / "lab", args.quick, args)),
         build_decode_section(measure_decode_costs(args.work.resolve() / "ingest", args.quick)),
         build_fuzz_section(run_fuzz_campaign(500 if args.quick else 10_000, 1, args.cores)),

@@ -19,8 +19,10 @@ from calib.io.pose_block import pose_sigma_from_config
 from calib.mocap.body_trajectory import Trajectory, trajectory_from_columns
 from calib.mocap.stillness import StillnessLimits, find_still_intervals
 
-MIN_BLOCK_SAMPLES, MAX_BLOCKS = 4, 64  # in a block, of a rest
+# Length of a block, s, at least; longer where a rest has too many, one pose where poses are rare.
+BLOCK_S, MAX_BLOCKS = 0.04, 64
 MIN_BLOCK_SHARE = 0.5  # of its samples, that a block must have where poses were lost
+ROUNDING = 1e-3  # of a block
 MIN_REST_BLOCKS = 3  # of a rest that is used
 MIN_BLOCKS = 8  # of all rests together, beyond one of each, for an estimate
 # Slow noise is taken in only where white noise is this unlikely: log of the likelihood ratio,
@@ -127,8 +129,8 @@ def _average_blocks(s: np.ndarray, deviations: np.ndarray, period_s: float) -> R
     """Return the blocks of a rest: times (n,), s, and deviations (n, 6); None if too few."""
     if len(s) == 0:
         return None
-    length_s = max(MIN_BLOCK_SAMPLES * period_s, (s[-1] + period_s) / MAX_BLOCKS)
-    block = np.floor(s / length_s).astype(int)
+    length_s = max(BLOCK_S, period_s, (s[-1] + period_s) / MAX_BLOCKS)
+    block = np.floor((s - s[0]) / length_s + ROUNDING).astype(int)
     samples = np.bincount(block).astype(float)
     sums = np.stack([np.bincount(block, v) for v in deviations.T], 1)
     number = np.flatnonzero(samples >= MIN_BLOCK_SHARE * length_s / period_s)

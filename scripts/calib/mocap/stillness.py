@@ -164,11 +164,15 @@ def rest_speeds(trajectory: Trajectory, limits: StillnessLimits) -> tuple[np.nda
 def find_still_intervals(trajectory: Trajectory, limits: StillnessLimits) -> np.ndarray:
     """Return starts and ends (k, 2), ns, of the maximal still intervals, trimmed at both ends.
 
-    They span short gaps with the same pose on both sides.
+    They span short gaps with the same pose on both sides. In a slow stream the poses before and
+    after one tell of more than the window.
     """
+    t = trajectory.stamps_ns
     linear, angular = rest_speeds(trajectory, limits)
     is_still = (linear < limits.max_linear_mps) & (angular < limits.max_angular_radps)
-    trim_ns = round(limits.trim_s * NS_PER_S)
+    period_ns = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    beyond_ns = max(0, round(period_ns - limits.window_s * NS_PER_S / 2))
+    trim_ns = round(limits.trim_s * NS_PER_S) - beyond_ns
     intervals = trajectory.stamps_ns[find_runs(is_still)] + [trim_ns, -trim_ns]
     is_long = intervals[:, 1] - intervals[:, 0] >= limits.min_duration_s * NS_PER_S
     return intervals[is_long].reshape(-1, 2)
