@@ -6,5 +6,5 @@ rosbags_reader   common part of rosbag1 and rosbag2_sqlite
 log_message      a message of a log
 message_types    type definitions and decoders, with struct_arrays for long lists
 message_headers  stamp and frame of a message
-decompression    bounded decompression
+bounded          bounds of what a log may ask for in memory and time
 """

@@ -1,44 +1,26 @@
 """Index of the messages of an MCAP file: its own, or else one built by reading the whole file."""
 
-import io
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, NamedTuple, cast
 
-from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema
 from mcap.stream_reader import MAGIC_SIZE, StreamReader
 from mcap.summary import Summary
 
 from calib.geometry.units import NS_PER_S
-from calib.io.logs.decompression import (
-    MAX_UNPACKED_BYTES,
-    TooLargeError,
-    decompress_lz4,
-    decompress_zstd,
+from calib.io.logs.bounded.decompression import TooLargeError
+from calib.io.logs.bounded.mcap_chunks import (
+    BoundedFile,
+    McapPiece,
+    iter_chunk_records,
+    read_chunk_sizes,
 )
 from calib.io.status import InputError, summarize_error
 
 MAX_LOG_TIME_NS = 1 << 62  # a later log time is a damaged one
 MAX_LOOSE_BYTES = 1 << 20  # of messages outside of chunks that are read at a time
-
-
-class McapPiece(NamedTuple):
-    """A part of an MCAP file: a chunk, or records outside of chunks.
-
-    start_ns, end_ns: log time of its first and last message; channels: ids of the channels in it,
-    None if unknown. Pieces sort by start_ns, file_index and byte_offset.
-    """
-
-    start_ns: int
-    file_index: int
-    byte_offset: int
-    end_ns: int
-    n_bytes: int
-    channels: frozenset[int] | None
 
 
 @dataclass
@@ -67,33 +49,6 @@ class McapIndex:
         return 0.0 if start is None else (max(p.end_ns for p in self.pieces) - start) / NS_PER_S
 
 
-class BoundedFile(io.BufferedReader):
-    """A file that refuses to read past its end, before memory is allocated for it."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(io.FileIO(path))
-        self.size = path.stat().st_size
-
-    def read(self, n: int | None = -1) -> bytes:
-        available = self.size - self.tell()
-        if n is not None and n > available:
-            raise McapError(f"the file ends {n - available} bytes early")
-        return super().read(n)
-
-
-class SliceStream:
-    """A stream of bytes that returns views, not copies."""
-
-    def __init__(self, data: bytes) -> None:
-        self.data, self.position = memoryview(data), 0
-
-    def read(self, n: int) -> memoryview:
-        """Return the next n bytes, fewer at the end."""
-        part = self.data[self.position : self.position + n]
-        self.position += len(part)
-        return part
-
-
 def read_mcap_index(path: Path) -> McapIndex:
     """Return the index of an MCAP file; its pieces have file_index 0.
 
@@ -109,66 +64,17 @@ def read_mcap_index(path: Path) -> McapIndex:
             ) from error
         index, summary_error = None, ""
         try:
-            index = _index_from_summary(reader.get_summary())
+            index = _index_from_summary(reader.get_summary(), stream)
         except Exception as error:  # as above
             summary_error = summarize_error(error)
         return index or _index_from_scan(stream, path, summary_error)
 
 
-def read_piece_messages(stream: BoundedFile, piece: McapPiece) -> list[Message]:
-    """Return the Message records of a piece, in the order of the file.
+def _index_from_summary(summary: Summary | None, stream: BoundedFile) -> McapIndex | None:
+    """Return the index by the file's own summary, or None if the summary is incomplete.
 
-    Raises any exception of the mcap library if the piece is damaged.
+    Raises an error of the mcap library if it differs from the file.
     """
-    stream.seek(piece.byte_offset)
-    out: list[Message] = []
-    for record in StreamReader(stream, skip_magic=True, emit_chunks=True).records:
-        if isinstance(record, Chunk):
-            out += [r for r in read_chunk_records(record) if isinstance(r, Message)]
-        elif isinstance(record, Message):
-            out.append(record)
-        if stream.tell() >= piece.byte_offset + piece.n_bytes:
-            return out
-    return out
-
-
-def read_chunk_records(chunk: Chunk) -> list[McapRecord]:
-    """Return the records of a chunk, in order; their data are views of the chunk's, not copies."""
-    slices = SliceStream(decompress_chunk(chunk))
-    out = []
-    try:
-        # StreamReader only calls read(), which SliceStream has.
-        stream = cast(IO[bytes], slices)
-        for record in StreamReader(stream, skip_magic=True, emit_chunks=True).records:
-            out.append(record)
-    except EndOfFile:  # a stream without footer ends like this; before its end it is damaged
-        if slices.position < len(slices.data):
-            raise
-    return out
-
-
-def decompress_chunk(chunk: Chunk) -> bytes:
-    """Return the decompressed bytes of a chunk; raises if their size is not the declared one."""
-    size = chunk.uncompressed_size
-    if size > MAX_UNPACKED_BYTES:
-        raise TooLargeError(f"a chunk of {size} bytes")
-    if chunk.compression not in CHUNK_DECOMPRESSORS:
-        raise McapError(f"a chunk compressed by {chunk.compression!r}")
-    data = CHUNK_DECOMPRESSORS[chunk.compression](chunk.data, size)
-    if len(data) != size:
-        raise McapError(f"a chunk of {len(data)} bytes instead of {size}")
-    return data
-
-
-CHUNK_DECOMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
-    "": lambda data, size: data,
-    "zstd": decompress_zstd,
-    "lz4": decompress_lz4,
-}
-
-
-def _index_from_summary(summary: Summary | None) -> McapIndex | None:
-    """Return the index by the file's own summary, or None if the summary is incomplete."""
     if summary is None or summary.statistics is None:
         return None
     statistics, chunks = summary.statistics, summary.chunk_indexes
@@ -183,6 +89,7 @@ def _index_from_summary(summary: Summary | None) -> McapIndex | None:
     )
     if not is_complete:
         return None
+    sizes = read_chunk_sizes(stream, chunks)
     pieces = [
         McapPiece(
             start_ns=c.message_start_time,
@@ -190,6 +97,7 @@ def _index_from_summary(summary: Summary | None) -> McapIndex | None:
             byte_offset=c.chunk_start_offset,
             end_ns=c.message_end_time,
             n_bytes=c.chunk_length,
+            n_unpacked_bytes=sizes[c.chunk_start_offset],
             channels=frozenset(c.message_index_offsets) or None,
         )
         for c in chunks
@@ -204,6 +112,7 @@ def _index_from_scan(stream: BoundedFile, path: Path, summary_error: str) -> Mca
     summary_error: why the file's own index cannot be read, "" if it has none.
     """
     index, offset, n_damaged, end_error = McapIndex(), MAGIC_SIZE, 0, "its end is missing"
+    too_large: list[str] = []
     stream.seek(0)
     try:
         for record in StreamReader(stream, emit_chunks=True).records:
@@ -213,13 +122,17 @@ def _index_from_scan(stream: BoundedFile, path: Path, summary_error: str) -> Mca
             start, offset = offset, stream.tell()
             try:
                 _add_record(index, record, start, offset - start)
+            except MemoryError:
+                raise
+            except TooLargeError as error:
+                too_large.append(str(error))
             except Exception:  # the library raises any type for a damaged chunk
                 n_damaged += 1
+    except MemoryError:
+        raise
     except Exception as error:  # as above
         end_error = summarize_error(error)
-    errors = []
-    if n_damaged:
-        errors.append(f"damaged chunks left out: {n_damaged}")
+    errors = describe_left_out_chunks(n_damaged, too_large)
     if end_error:
         errors.append(
             f"breaks off after byte {offset} of {stream.size} ({end_error}), as after a crash of "
@@ -230,6 +143,14 @@ def _index_from_scan(stream: BoundedFile, path: Path, summary_error: str) -> Mca
     if errors:
         index.read_error = _describe_partial_read(index, path, "; ".join(errors))
     return index
+
+
+def describe_left_out_chunks(n_damaged: int, too_large: list[str]) -> list[str]:
+    """Return what to say of the chunks that are left out; too_large: why each of these is."""
+    errors = [f"damaged chunks left out: {n_damaged}"] if n_damaged else []
+    if too_large:
+        errors.append(f"too large chunks left out: {len(too_large)} ({too_large[0]})")
+    return errors
 
 
 def _describe_partial_read(index: McapIndex, path: Path, errors: str) -> str:
@@ -247,44 +168,60 @@ def _add_record(index: McapIndex, record: McapRecord, offset: int, length: int) 
     elif isinstance(record, Channel):
         index.channels[record.id] = record
     elif isinstance(record, Message) and record.log_time < MAX_LOG_TIME_NS:
-        _add_loose_message(index, _make_piece([record], offset, length))
+        _add_loose_message(index, record.log_time, offset, length)
         index.counts[record.channel_id] += 1
     elif isinstance(record, Chunk):
-        records = read_chunk_records(record)
-        for r in records:
-            if isinstance(r, Schema | Channel):
-                _add_record(index, r, offset, length)
-        messages = [r for r in records if isinstance(r, Message) and r.log_time < MAX_LOG_TIME_NS]
-        index.counts.update(r.channel_id for r in messages)
-        if messages:
-            index.pieces.append(_make_piece(messages, offset, length))
+        _add_chunk(index, record, offset, length)
 
 
-def _make_piece(records: list[Message], offset: int, length: int) -> McapPiece:
-    times = [m.log_time for m in records]
-    channels = frozenset(m.channel_id for m in records)
-    return McapPiece(
-        start_ns=min(times),
-        file_index=0,
-        byte_offset=offset,
-        end_ns=max(times),
-        n_bytes=length,
-        channels=channels,
-    )
+def _add_chunk(index: McapIndex, chunk: Chunk, offset: int, length: int) -> None:
+    """Add a chunk, and the schemas and channels in it, to an index; none of it if it is damaged."""
+    counts: Counter[int] = Counter()
+    start_ns, end_ns = MAX_LOG_TIME_NS, 0
+    definitions = []
+    for record in iter_chunk_records(chunk):
+        if isinstance(record, Schema | Channel):
+            definitions.append(record)
+        elif isinstance(record, Message) and record.log_time < MAX_LOG_TIME_NS:
+            counts[record.channel_id] += 1
+            start_ns, end_ns = min(start_ns, record.log_time), max(end_ns, record.log_time)
+    for definition in definitions:
+        _add_record(index, definition, offset, length)
+    index.counts.update(counts)
+    if counts:
+        index.pieces.append(
+            McapPiece(
+                start_ns=start_ns,
+                file_index=0,
+                byte_offset=offset,
+                end_ns=end_ns,
+                n_bytes=length,
+                n_unpacked_bytes=chunk.uncompressed_size,
+                channels=frozenset(counts),
+            )
+        )
 
 
-def _add_loose_message(index: McapIndex, piece: McapPiece) -> None:
+def _add_loose_message(index: McapIndex, log_time_ns: int, offset: int, length: int) -> None:
     """Add a message outside of chunks: to the last piece if it holds such too, else as a piece."""
     last = index.pieces[-1] if index.pieces else None
-    if (
-        last is None
-        or last.channels is not None
-        or piece.byte_offset - last.byte_offset > MAX_LOOSE_BYTES
-    ):
-        index.pieces.append(piece._replace(channels=None))
+    if last is None or last.channels is not None or offset - last.byte_offset > MAX_LOOSE_BYTES:
+        index.pieces.append(
+            McapPiece(
+                start_ns=log_time_ns,
+                file_index=0,
+                byte_offset=offset,
+                end_ns=log_time_ns,
+                n_bytes=length,
+                n_unpacked_bytes=length,
+                channels=None,
+            )
+        )
         return
+    n_bytes = offset + length - last.byte_offset
     index.pieces[-1] = last._replace(
-        start_ns=min(last.start_ns, piece.start_ns),
-        end_ns=max(last.end_ns, piece.end_ns),
-        n_bytes=piece.byte_offset + piece.n_bytes - last.byte_offset,
+        start_ns=min(last.start_ns, log_time_ns),
+        end_ns=max(last.end_ns, log_time_ns),
+        n_bytes=n_bytes,
+        n_unpacked_bytes=n_bytes,
     )

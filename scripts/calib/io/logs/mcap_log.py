@@ -1,27 +1,31 @@
 """Logs in MCAP files with ROS messages; a file without its end is read as far as possible."""
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from heapq import heappop, heappush
+from itertools import accumulate
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from mcap.records import Message
 
+from calib.io.logs.bounded.decompression import MAX_UNPACKED_BYTES, TooLargeError
+from calib.io.logs.bounded.mcap_chunks import BoundedFile, McapPiece, iter_piece_messages
+from calib.io.logs.bounded.overlap_budget import ChunkSpan, require_bounded_overlap
 from calib.io.logs.log_message import LogMessage, TopicInfo, missing_message_error
 from calib.io.logs.mcap_index import (
     MAX_LOG_TIME_NS,
-    BoundedFile,
     McapIndex,
-    McapPiece,
+    describe_left_out_chunks,
     read_mcap_index,
-    read_piece_messages,
 )
 from calib.io.logs.message_types import MessageCodec, MessageTypes, full_type_name
 from calib.io.status import InputError, summarize_error
 
 NO_SCHEMA_TYPE = "without schema"
+OVERLAP_REMEDY = "Run `mcap sort` and use its output."
 
 
 class _Channel(NamedTuple):
@@ -46,6 +50,10 @@ class _Entry(NamedTuple):
         return self.log_time_ns, self.file_index, self.byte_offset, self.index_in_piece
 
 
+# A heap of pieces that overlap: place of the next entry, that entry, and those after it.
+OpenPieces: TypeAlias = list[tuple[tuple[int, ...], _Entry, Iterator[_Entry]]]
+
+
 class McapLog:
     """A recording in one or more MCAP files, in the order of their first messages."""
 
@@ -58,14 +66,29 @@ class McapLog:
         self.topics: dict[str, TopicInfo] = {}
         self.temporary_folder: TemporaryDirectory[str] | None = None
         self._damaged_pieces: set[tuple[int, int]] = set()  # file_index, byte_offset
+        self._too_large_pieces: dict[tuple[int, int], str] = {}  # why, by the same
         self._bad_log_times: set[tuple[int, int, int]] = set()  # order without log time
         self._index_errors = [index.read_error for index, _ in indexes if index.read_error]
         self._types = MessageTypes(str(self.files[0]))
         self._channels = [self._register_channels(index) for index, _ in indexes]
-        self._pieces = sorted(
-            piece._replace(file_index=n)
+        self._pieces_by_file = [
+            sorted(piece._replace(file_index=n) for piece in index.pieces)
             for n, (index, _) in enumerate(indexes)
-            for piece in index.pieces
+        ]
+        # Log time of the last message in a piece or in one before it.
+        self._last_times = [
+            list(accumulate((p.end_ns for p in pieces), max)) for pieces in self._pieces_by_file
+        ]
+        self._pieces = sorted(piece for pieces in self._pieces_by_file for piece in pieces)
+        # A larger chunk is refused when it is read.
+        require_bounded_overlap(
+            self.files[0],
+            [
+                ChunkSpan(p.start_ns, p.end_ns, p.n_unpacked_bytes)
+                for p in self._pieces
+                if p.n_unpacked_bytes <= MAX_UNPACKED_BYTES
+            ],
+            OVERLAP_REMEDY,
         )
         self.start_ns = self._pieces[0].start_ns if self._pieces else 0
         self._open_file: tuple[int, BoundedFile] | None = None
@@ -74,9 +97,11 @@ class McapLog:
     def read_errors(self) -> list[str]:
         """Return what could not be read of the files up to now."""
         counts = Counter(file for file, _ in self._damaged_pieces)
-        errors = [
-            f"{self.files[n].name}: damaged chunks left out: {k}" for n, k in sorted(counts.items())
-        ]
+        errors = []
+        for n, path in enumerate(self.files):
+            too_large = [why for (file, _), why in self._too_large_pieces.items() if file == n]
+            left_out = describe_left_out_chunks(counts[n], too_large)
+            errors += [f"{path.name}: {text}" for text in left_out]
         if self._bad_log_times:
             errors.append(f"messages of impossible log times left out: {len(self._bad_log_times)}")
         return self._index_errors + errors
@@ -127,8 +152,8 @@ class McapLog:
     def _iter_entries(
         self, wanted: list[set[int]], start_ns: int | None, end_ns: int | None
     ) -> Iterator[_Entry]:
-        """Yield entries in order, with only a few pieces in memory."""
-        waiting: list[_Entry] = []
+        """Yield entries in order, with only those pieces in memory that overlap in time."""
+        open_pieces: OpenPieces = []
         for piece in self._pieces:
             channels = wanted[piece.file_index]
             if not (piece.channels is None or piece.channels & channels):
@@ -139,11 +164,10 @@ class McapLog:
                 continue
             # No later piece holds a message before the start of this one.
             first = (piece.start_ns, piece.file_index, piece.byte_offset, 0)
-            n_ready = bisect_left(waiting, first, key=lambda e: e.order)
-            yield from waiting[:n_ready]
+            yield from _merge_entries(open_pieces, first)
             entries = self._read_entries(piece, channels, start_ns, end_ns)
-            waiting = sorted(waiting[n_ready:] + entries, key=lambda e: e.order)
-        yield from waiting
+            _open_piece(open_pieces, iter(sorted(entries, key=lambda e: e.order)))
+        yield from _merge_entries(open_pieces, None)
 
     def _read_entries(
         self,
@@ -154,31 +178,36 @@ class McapLog:
     ) -> list[_Entry]:
         """Return the entries of a piece; a damaged piece has none and is noted as damaged."""
         path = self.files[piece.file_index]
+        first_ns = start_ns or 0
+        last_ns = MAX_LOG_TIME_NS if end_ns is None else end_ns
+        entries = []
         try:
-            records = read_piece_messages(self._open_stream(piece.file_index), piece)
+            stream = self._open_stream(piece.file_index)
+            for n, record in enumerate(iter_piece_messages(stream, piece)):
+                # A chunk's own header may be wrong, too.
+                if not piece.start_ns <= record.log_time <= min(piece.end_ns, MAX_LOG_TIME_NS - 1):
+                    self._bad_log_times.add((piece.file_index, piece.byte_offset, n))
+                elif first_ns <= record.log_time < last_ns and record.channel_id in channels:
+                    entries.append(
+                        _Entry(
+                            log_time_ns=record.log_time,
+                            file_index=piece.file_index,
+                            byte_offset=piece.byte_offset,
+                            index_in_piece=n,
+                            record=record,
+                        )
+                    )
         except OSError as error:
             raise InputError(f"{path}: cannot be read ({summarize_error(error)})") from error
+        except MemoryError:
+            raise
+        except TooLargeError as error:
+            self._too_large_pieces[piece.file_index, piece.byte_offset] = str(error)
+            return []
         except Exception:  # the library raises any type for a damaged chunk
             self._damaged_pieces.add((piece.file_index, piece.byte_offset))
             return []
-        entries = [
-            _Entry(
-                log_time_ns=record.log_time,
-                file_index=piece.file_index,
-                byte_offset=piece.byte_offset,
-                index_in_piece=n,
-                record=record,
-            )
-            for n, record in enumerate(records)
-        ]
-        self._bad_log_times |= {e.order[1:] for e in entries if e.log_time_ns >= MAX_LOG_TIME_NS}
-        first_ns = start_ns or 0
-        last_ns = MAX_LOG_TIME_NS if end_ns is None else end_ns
-        return [
-            e
-            for e in entries
-            if first_ns <= e.log_time_ns < last_ns and e.record.channel_id in channels
-        ]
+        return entries
 
     def _open_stream(self, file_index: int) -> BoundedFile:
         """Return a file, which stays open until another one is needed."""
@@ -186,16 +215,19 @@ class McapLog:
             self._open_file = file_index, BoundedFile(self.files[file_index])
         return self._open_file[1]
 
+    def _find_pieces(self, file_index: int, log_time_ns: int) -> list[McapPiece]:
+        """Return the pieces of a file that may hold messages of a log time."""
+        pieces, last_times = self._pieces_by_file[file_index], self._last_times[file_index]
+        end = bisect_right(pieces, log_time_ns, key=lambda p: p.start_ns)
+        begin = bisect_left(last_times, log_time_ns)
+        return [p for p in pieces[begin:end] if p.end_ns >= log_time_ns]
+
     def read_message_content(
         self, topic: str, file_index: int, log_time_ns: int, index_at_log_time: int
     ) -> Any:
         """Return the content of one message, found by its place in the log."""
         channels = self._wanted_channels([topic])[file_index]
-        pieces = [
-            p
-            for p in self._pieces
-            if p.file_index == file_index and p.start_ns <= log_time_ns <= p.end_ns
-        ]
+        pieces = self._find_pieces(file_index, log_time_ns)
         entries = sorted(
             (
                 entry
@@ -208,3 +240,18 @@ class McapLog:
             raise missing_message_error(self.files[file_index], topic, log_time_ns)
         record = entries[index_at_log_time].record
         return self._channels[file_index][record.channel_id].codec.decode(record.data)
+
+
+def _open_piece(open_pieces: OpenPieces, entries: Iterator[_Entry]) -> None:
+    """Add the entries of a piece to the heap of open pieces, unless there are none left."""
+    first = next(entries, None)
+    if first is not None:
+        heappush(open_pieces, (first.order, first, entries))
+
+
+def _merge_entries(open_pieces: OpenPieces, end: tuple[int, ...] | None) -> Iterator[_Entry]:
+    """Yield the entries of open pieces in order, those before a place, or all."""
+    while open_pieces and (end is None or open_pieces[0][0] < end):
+        _, entry, rest = heappop(open_pieces)
+        yield entry
+        _open_piece(open_pieces, rest)

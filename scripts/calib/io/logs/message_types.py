@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from calib.io.logs.decompression import decompress_message
+from calib.io.logs.bounded.decompression import decompress_message
+from calib.io.logs.bounded.definition_budget import require_bounded_types, strip_definition
 from calib.io.logs.struct_arrays import STRUCT_LIST_FIELDS, read_struct_list
 from calib.io.status import InputError, MessageError, summarize_error
 
 TYPE_NAME_PATTERN = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
 HEADER_TYPE = "std_msgs/msg/Header"
-MAX_DEFINITION_CHARS = 1 << 20
 STAMP_FIELD_LIMIT = 1 << 32  # the fields of a stamp, s and ns, have 32 bits
 ROS_STORE_BY_SERIALISATION = {"cdr": Stores.LATEST, "ros1": Stores.ROS1_NOETIC}
 DEFINITION_PARSERS = {
@@ -97,11 +97,13 @@ class MessageTypes:
         definition = self.definitions[name]
         try:
             # rosbags generates code from names, so only plain names may pass.
-            if not TYPE_NAME_PATTERN.fullmatch(name) or len(definition.text) > MAX_DEFINITION_CHARS:
-                raise ValueError("not the name of a type, or a definition that is too long")
-            types = DEFINITION_PARSERS[definition.format](definition.text, name)
+            if not TYPE_NAME_PATTERN.fullmatch(name):
+                raise ValueError("not the name of a type")
+            text = strip_definition(definition.format, definition.text)
+            types = DEFINITION_PARSERS[definition.format](text, name)
             if not all(TYPE_NAME_PATTERN.fullmatch(k) for k in types) or name not in types:
                 raise ValueError("it defines other types")
+            require_bounded_types(types, store.fielddefs)
             store.register({k: v for k, v in types.items() if k not in registered_names})
         except Exception as error:  # the parser raises any type for foreign text
             raise InputError(

@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Protocol
 
-from calib.io.logs.decompression import COMPRESSED_SUFFIXES, decompress_files
+from calib.io.logs.bounded.decompression import COMPRESSED_SUFFIXES, decompress_files
 from calib.io.safe_yaml import load_yaml
 from calib.io.status import InputError
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from rosbags import rosbag1
 from rosbags.rosbag1.reader import decompressors
 
-from calib.io.logs.decompression import decompress_bzip2, decompress_lz4
+from calib.io.logs.bounded.decompression import decompress_bzip2, decompress_lz4
 from calib.io.logs.rosbags_reader import RosbagsLog, open_readers
 
 ROSBAG1_REMEDY = "Run `rosbag reindex {}` and use its output."

@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 
 from calib.io.logs import ros_messages
-from calib.io.logs.decompression import (
+from calib.io.logs.bounded.decompression import (
     TooLargeError,
     decompress_bzip2,
     decompress_lz4,

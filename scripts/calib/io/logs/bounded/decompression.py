@@ -10,7 +10,7 @@ from lz4.frame import LZ4FrameDecompressor
 
 from calib.io.status import InputError, summarize_error
 
-MAX_UNPACKED_BYTES = 1 << 30  # of a decompressed chunk or message
+MAX_UNPACKED_BYTES = 1 << 28  # of a decompressed chunk or message
 MIN_FREE_DISK_BYTES = 1 << 30  # left free on the disk by decompressing a file
 ZSTD_MAGIC = zstandard.FRAME_HEADER  # no serialised message begins with these bytes
 COMPRESSED_SUFFIXES = (".zstd", ".zst")
@@ -27,10 +27,16 @@ def decompress_message(data: bytes) -> bytes:
 
 def decompress_zstd(data: bytes, max_bytes: int) -> bytes:
     """Decompress a zstd frame; raises TooLargeError above max_bytes."""
-    declared = zstandard.get_frame_parameters(data).content_size
-    if declared != zstandard.CONTENTSIZE_UNKNOWN and declared > max_bytes:
+    declared = find_zstd_size(data)
+    if declared is not None and declared > max_bytes:
         raise TooLargeError(f"{declared} bytes, expected at most {max_bytes}")
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=max_bytes)
+
+
+def find_zstd_size(data: bytes) -> int | None:
+    """Return the size that a zstd frame declares for its content, None if it declares none."""
+    declared = zstandard.get_frame_parameters(data).content_size
+    return None if declared == zstandard.CONTENTSIZE_UNKNOWN else declared
 
 
 def decompress_lz4(data: bytes, max_bytes: int = MAX_UNPACKED_BYTES) -> bytes:
