@@ -92,12 +92,21 @@ def draw_outcome(
     at = judge_job.arguments[judge_job.arguments.index("--verdict") + 1]
     with TemporaryDirectory(dir=folder) as name:
         out = Path(name)
+        link_results(folder, out)
         redraw_inputs(folder, out, jobs, noise, seed)
         with working_directory(out):
             for stage in DRAWN_STAGES:
                 (job,) = select_jobs(jobs, stage)
                 job.stage.main(job.arguments)
         return read_draw_outcome((out / at).parent, folder / "truth.json")
+
+
+def link_results(folder: Path, out: Path) -> None:
+    """Link the results of a run into another folder; what is written there replaces its link."""
+    for path in (p for p in (folder / "results").rglob("*") if p.is_file()):
+        link = out / path.relative_to(folder)
+        link.parent.mkdir(parents=True, exist_ok=True)
+        link.symlink_to(path.resolve())
 
 
 def _follow_advice(

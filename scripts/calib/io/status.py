@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 from unicodedata import category
 
+from calib.io.config_change import ConfigChange
+
 MAX_ERROR_CHARS = 200
 
 
@@ -23,13 +25,17 @@ class MessageError(InputError):
 
 @dataclass(frozen=True)
 class Status:
-    """Whether a step succeeded; if not: why, what was found and expected, and what to do."""
+    """Whether a step succeeded; if not: why, what was found and expected, and what to do.
+
+    change: what the remedy changes in the config, None if that needs a person.
+    """
 
     ok: bool = True
     reason: str = ""
     found: str = ""
     expected: str = ""
     remedy: str = ""
+    change: ConfigChange | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as written into JSON."""
@@ -52,10 +58,14 @@ OK = Status()
 
 
 def failure_status(
-    reason: str, found: object = "", expected: object = "", remedy: str = ""
+    reason: str,
+    found: object = "",
+    expected: object = "",
+    remedy: str = "",
+    change: ConfigChange | None = None,
 ) -> Status:
     """Return a status that is not ok."""
-    return Status(ok=False, reason=reason, found=str(found), expected=str(expected), remedy=remedy)
+    return Status(False, reason, str(found), str(expected), remedy, change)
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

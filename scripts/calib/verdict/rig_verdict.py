@@ -6,6 +6,7 @@ import numpy as np
 
 from calib.diagnosis.observability import describe_next_view
 from calib.geometry.units import DEG_PER_RAD
+from calib.io.config_change import fill_rig
 from calib.verdict.findings import (
     VERDICT_LEVELS,
     Finding,
@@ -65,6 +66,7 @@ def rig_findings(solution: dict[str, Any], limits: Limits) -> Verdict:
     """Judge the content of solution.json by the limits of the config."""
     sensors = dict(sorted(solution["sensors"].items()))
     found = [f for name, sensor in sensors.items() for f in sensor_findings(name, sensor, limits)]
+    found = [_with_rig_name(finding, solution["rig"]) for finding in found]
     found += time_offset_findings(solution, limits)
     found += mocap_scale_findings(solution["mocap_scales"], limits)
     found += _cause_findings(solution, limits, found)
@@ -78,6 +80,13 @@ def rig_findings(solution: dict[str, Any], limits: Limits) -> Verdict:
             has_misfit = any(_concerns(f, name) for f in misfits)
             found += sigma_findings(name, sensor, limits, has_misfit)
     return make_verdict(found, list(sensors))
+
+
+def _with_rig_name(finding: Finding, rig: str) -> Finding:
+    """Return a finding whose change names the file of the rig."""
+    out = finding.copy()
+    out["change"] = out["change"] and fill_rig(out["change"], rig)
+    return out
 
 
 def _cause_findings(
@@ -137,7 +146,8 @@ def sensor_findings(name: str, sensor: dict[str, Any], limits: Limits) -> list[F
     status = sensor["status"]
     if not status["ok"]:
         text = f"{name}: {status['reason']}"
-        return [make_finding("status", [name], "fail", text=text, remedy=status["remedy"])]
+        remedy, change = status["remedy"], status["change"]
+        return [make_finding("status", [name], "fail", text=text, remedy=remedy, change=change)]
     out = _outline_findings(name, sensor)
     out += check_limit(REJECTED_SHARE, sensor["rejected_share"], limits, sensor=name)
     out += view_findings(name, sensor, limits)

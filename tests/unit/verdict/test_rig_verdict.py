@@ -434,11 +434,14 @@ def test_an_estimated_error_of_the_scale_is_warned_of_above_its_limit_if_it_is_c
 
 def test_a_sensor_without_a_pose_fails_with_its_own_remedy(clean):
     status = {"ok": False, "reason": "no view", "found": "", "expected": "", "remedy": "look"}
+    status["change"] = {"file": "config/rigs/{rig}.yaml", "key": "mocap.map", "value": "world"}
     level, found, _ = told(
         clean, lambda s: s["sensors"]["lidar"].update(status=status, covariance=None)
     )
     assert level == "fail"
     assert (found[0]["text"], found[0]["remedy"]) == ("lidar: no view", "look")
+    rig = clean["rig"]
+    assert found[0]["change"] == status["change"] | {"file": f"config/rigs/{rig}.yaml"}
 
 
 def test_a_value_that_is_no_number_fails():

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from calib.extraction.mistakes.stated_setup import ConfigCorrection, StatedSetup
+from calib.io.config_change import any_rig_change
 from calib.sensors.camera.camera_model import CameraModel
 
 BINNING_FACTORS = (1 / 2, 2, 1 / 4, 4, 1 / 3, 3, 2 / 3, 3 / 2)
@@ -42,12 +43,14 @@ def _written_params(camera: CameraModel) -> list[float]:
 
 def _describe_lens(stated: StatedSetup, lens: CameraModel, before: CameraModel) -> ConfigCorrection:
     """Return the correction to a lens, with the size and the params to write."""
-    changes = []
+    changes, written, block = [], [], f"sensors.{stated.sensor}"
     if lens.size_px != before.size_px:
         changes.append(f"size_px to [{lens.size_px[0]}, {lens.size_px[1]}]")
+        written.append(any_rig_change(f"{block}.size_px", list(lens.size_px)))
     if lens.params != before.params or stated.has_camera_info:
         numbers = ", ".join(f"{p:.6g}" for p in _written_params(lens))
         changes.append(f"params to [{numbers}]")
+        written.append(any_rig_change(f"{block}.params", _written_params(lens)))
     what = f"size_px {list(before.size_px)}, fx {before.params[0]:.5g}"
     true = f"size_px {list(lens.size_px)}, fx {lens.params[0]:.5g}"
     place = f" in place of camera_info, with model {lens.model}," if stated.has_camera_info else ""
@@ -55,5 +58,6 @@ def _describe_lens(stated: StatedSetup, lens: CameraModel, before: CameraModel) 
         replace(stated, model=lens),
         f"the lens of {stated.sensor} is of another resolution than its images: stated {what}; "
         f"{true} agrees with what it saw",
-        f"Set{place} {' and '.join(changes)} of sensors.{stated.sensor}.",
+        f"Set{place} {' and '.join(changes)} of {block}.",
+        written[0] if len(written) == 1 and not place else None,
     )

@@ -6,11 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.extraction.mistakes.mistake_registry import MISTAKES
-from calib.extraction.mistakes.pose_corrections import describe_pose
+from calib.extraction.mistakes.pose_corrections import describe_pose, written_pose
 from calib.extraction.mistakes.sightings import Consensus, Sightings
 from calib.extraction.mistakes.stated_setup import ConfigCorrection, StatedSetup
 from calib.geometry.se3 import invert_pose, se3_log
 from calib.geometry.units import DEG_PER_RAD
+from calib.io.config_change import any_rig_change
 from calib.io.status import Status, failure_status
 
 # A setup is right if the pose that the detections agree on is the stated one within this many σ of
@@ -119,6 +120,7 @@ def _explain_by_found_pose(
         f"pose {distance:.2f} m and {angle:.0f} deg away does",
         f"Set sensors.{stated.sensor}.T_robot_sensor to {describe_pose(T)}, or leave it out: it is "
         "then found in the data.",
+        any_rig_change(f"sensors.{stated.sensor}.T_robot_sensor", written_pose(T)),
     )
     return Explanation(correction, consensus, 0.0)
 
@@ -130,4 +132,5 @@ def _describe_explanation(best: Explanation, sightings: Sightings) -> Status:
         f"{sightings.description} agrees with that at {n_agreeing} of {n_found} placements",
         "the same of the config as it is written",
         best.correction.remedy,
+        best.correction.change,
     )

@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from calib.extraction.mistakes.stated_setup import ConfigCorrection, StatedSetup
+from calib.io.config_change import target_change
 from calib.targets.board import Board
 from calib.targets.patterns.charuco import Charuco
 from calib.targets.patterns.checkerboard import Checkerboard
@@ -43,6 +45,7 @@ def _correct_colors(
         f"{stated.sensor} sees the pattern of {name} the other way round than configured",
         f"Set first_square of {name} to {other}. If the pattern should begin with {color}, it was "
         "printed or mounted mirrored: print it again without mirroring.",
+        target_change(name, "pattern.first_square", other),
     )
 
 
@@ -66,13 +69,18 @@ def describe_checkerboard(
     """Return the correction to another number of inner corners, with what to write."""
     counts = [f"{p.n_columns} x {p.n_rows}" for p in (pattern, before)]
     x, y = pattern.first_corner
-    corner = f" and first_corner_m to [{x:g}, {y:g}]"
+    corner, has_other_corner = (
+        f" and first_corner_m to [{x:g}, {y:g}]",
+        (x, y) != before.first_corner,
+    )
+    written = [pattern.n_columns, pattern.n_rows]
     return ConfigCorrection(
         with_pattern(stated, name, pattern),
         f"the images of {stated.sensor} show the pattern of {name} with {counts[0]} inner corners "
         f"along x and y, the config states {counts[1]}",
         f"Set pattern.inner_corners of {name} to [{pattern.n_columns}, {pattern.n_rows}]"
-        f"{corner if pattern.first_corner != before.first_corner else ''}.",
+        f"{corner if has_other_corner else ''}.",
+        None if has_other_corner else target_change(name, "pattern.inner_corners", written),
     )
 
 
@@ -90,18 +98,24 @@ def describe_charuco(
     stated: StatedSetup, name: str, before: Charuco, pattern: Charuco
 ) -> ConfigCorrection:
     """Return the correction to another ChArUco board, with what to write."""
-    keys = {
-        "squares": [str(list(p.n_squares)) for p in (before, pattern)],
-        "dictionary": [p.dictionary for p in (before, pattern)],
-        "legacy": [str(p.is_legacy).lower() for p in (before, pattern)],
-    }
-    changed = {k: v for k, v in keys.items() if v[0] != v[1]}
-    stated_words, true_words = (
-        ", ".join(f"{k} {v[i]}" for k, v in changed.items()) for i in (0, 1)
+    before_values, values = (
+        {"squares": list(p.n_squares), "dictionary": p.dictionary, "legacy": p.is_legacy}
+        for p in (before, pattern)
     )
+    keys = [k for k in values if values[k] != before_values[k]]
+    stated_words, true_words = (
+        ", ".join(f"{k} {_format_value(v[k])}" for k in keys) for v in (before_values, values)
+    )
+    written = [f"pattern.{k} of {name} to {_format_value(values[k])}" for k in keys]
     return ConfigCorrection(
         with_pattern(stated, name, pattern),
         f"the images of {stated.sensor} show the ChArUco board of {name} with {true_words}, the "
         f"config states {stated_words}",
-        "Set " + " and ".join(f"pattern.{k} of {name} to {v[1]}" for k, v in changed.items()) + ".",
+        f"Set {' and '.join(written)}.",
+        target_change(name, f"pattern.{keys[0]}", values[keys[0]]) if len(keys) == 1 else None,
     )
+
+
+def _format_value(value: Any) -> str:
+    """Return a value as YAML has it."""
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -8,6 +8,7 @@ import numpy as np
 
 from calib.extraction.mistakes.stated_setup import ConfigCorrection, StatedSetup
 from calib.geometry.se3 import pose_to_rpy
+from calib.io.config_change import ConfigChange, any_rig_change, target_change
 
 
 class PoseChange(NamedTuple):
@@ -25,21 +26,31 @@ def correct_poses(
         key = f"sensors.{stated.sensor}.T_robot_sensor"
         for change in list_changes(stated.T_robot_sensor):
             setup = replace(stated, T_robot_sensor=change.T)
-            yield _describe_change(setup, f"T_robot_sensor of {stated.sensor}", key, change)
+            written = any_rig_change(key, written_pose(change.T))
+            yield _describe_change(setup, f"T_robot_sensor of {stated.sensor}", change, written)
     for name, mount in sorted(stated.mounts.items()):
         for change in list_changes(mount):
             setup = replace(stated, mounts=stated.mounts | {name: change.T})
-            yield _describe_change(setup, f"T_body_target of {name}", "", change)
+            written = target_change(name, "T_body_target", written_pose(change.T))
+            yield _describe_change(setup, f"T_body_target of {name}", change, written)
 
 
 def _describe_change(
-    setup: StatedSetup, subject: str, key: str, change: PoseChange
+    setup: StatedSetup, subject: str, change: PoseChange, written: ConfigChange
 ) -> ConfigCorrection:
+    place = subject if written["key"] == "T_body_target" else written["key"]
     return ConfigCorrection(
         setup,
         f"{subject} does not agree with what {setup.sensor} saw, but {change.words} does",
-        f"Set {key or subject} to {describe_pose(change.T)}.",
+        f"Set {place} to {describe_pose(change.T)}.",
+        written,
     )
+
+
+def written_pose(T: np.ndarray) -> dict[str, list[float]]:
+    """Return a pose (4, 4) as the value of a key of a config."""
+    rpy = np.degrees(pose_to_rpy(T))
+    return {"xyz_m": np.round(T[:3, 3], 6).tolist(), "rpy_deg": np.round(rpy, 6).tolist()}
 
 
 def describe_pose(T: np.ndarray) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from calib.extraction.mistakes.pose_corrections import PoseChange, correct_poses
 from calib.extraction.mistakes.stated_setup import ConfigCorrection, StatedSetup
 from calib.geometry.se3 import pose_from_xyz_quat, pose_to_quat
+from calib.io.config_change import any_rig_change
 
 
 def correct_quaternion_order(stated: StatedSetup) -> Iterator[ConfigCorrection]:
@@ -19,6 +20,7 @@ def correct_quaternion_order(stated: StatedSetup) -> Iterator[ConfigCorrection]:
             f"what {stated.sensor} saw agrees with the motion capture only if its quaternions are "
             f"read as {', '.join(stated.other_order)}",
             f"Set mocap.quaternions of the rig to {stated.other_order}.",
+            any_rig_change("mocap.quaternions", stated.other_order),
         )
 
 

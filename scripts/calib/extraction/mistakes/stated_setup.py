@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from calib.io.config_change import ConfigChange
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.lidar.lidar_model import LidarModel
 from calib.targets.target_shapes import TargetShape
@@ -44,11 +45,15 @@ class StatedSetup:
 
 
 class ConfigCorrection(NamedTuple):
-    """A setup without one mistake, the mistake in words, and what to write or do."""
+    """A setup without one mistake, the mistake in words, and what to write or do.
+
+    change: of the config, if one key has to be written.
+    """
 
     setup: StatedSetup
     reason: str
     remedy: str
+    change: ConfigChange | None = None
 
 
 class Mistake(Protocol):

@@ -89,6 +89,29 @@ def test_a_mistake_in_the_sensor_s_pose_is_named_with_the_pose_to_write(seen, wo
     assert remedy == f"Set sensors.left.T_robot_sensor to {describe_pose(meant)}."
 
 
+def test_the_pose_to_write_is_told_to_programs_too(seen):
+    stated, sightings = seen
+    meant = T_ROBOT_CAMERA @ OFF_BY_A_SIGMA
+    wrong = replace(stated, T_robot_sensor=invert_pose(meant))
+    status = find_mistake(wrong, sightings, MIN_PLACEMENTS)
+    assert status.change["file"] == "config/rigs/{rig}.yaml"
+    assert status.change["key"] == "sensors.left.T_robot_sensor"
+    value = status.change["value"]
+    found = pose_from_rpy(value["xyz_m"], np.radians(value["rpy_deg"]))
+    np.testing.assert_allclose(found, meant, atol=1e-6)
+
+
+def test_the_params_of_a_lens_of_half_the_resolution_are_told_to_programs_too(seen):
+    stated, sightings = seen
+    wrong = replace(stated, model=scale_lens(LENS, 0.5))
+    status = find_mistake(wrong, sightings, MIN_PLACEMENTS)
+    assert (status.change["file"], status.change["key"]) == (
+        "config/rigs/{rig}.yaml",
+        "sensors.left.params",
+    )
+    np.testing.assert_allclose(status.change["value"][:4], LENS.params[:4], rtol=1e-6)
+
+
 BOARD_MISTAKES = {
     "its inverse": invert_pose,
     "by 180 deg about the x axis of its own": lambda T: T @ make_pose(np.diag([1.0, -1, -1])),
