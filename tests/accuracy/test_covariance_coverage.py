@@ -174,7 +174,7 @@ def recorded():
         "placement": number,
         "kept": np.full(len(number), True),
         "reason": np.full(len(number), ""),
-        **{k: [[] for _ in number] for k in ("xyz", "ring", "point_time_ns")},
+        **{k: [[] for _ in number] for k in ("xyz", "ring", "point_time_ns", "intensity")},
     }
     guess = {
         "T_robot_sensor": {"matrix": guesses["velodyne"].tolist()},

@@ -197,7 +197,8 @@ def make_view_columns(sensor, rng):
     xyz = [c.astype(np.float32).reshape(-1) for c in clouds] + [np.zeros(0, np.float32)]
     ring = [np.arange(300) % 16 for _ in shown] + [np.zeros(0, np.int32)]
     dt = [np.zeros(300, np.int64) for _ in shown] + [np.zeros(0, np.int64)]
-    return columns | {"xyz": xyz, "ring": ring, "point_time_ns": dt}
+    intensity = [np.full(len(t), np.nan, np.float32) for t in dt]
+    return columns | {"xyz": xyz, "ring": ring, "point_time_ns": dt, "intensity": intensity}
 
 
 def make_measurement_columns(sensor, views, rng):
@@ -225,6 +226,7 @@ def make_measurement_columns(sensor, views, rng):
             "feature_index": np.arange(n) % 16,
             "sigma": np.full(n, sigma),
             "whitening": np.tile([1.0, 0.0, 1.0], (n, 1)),
+            "intensity": np.full(n, np.nan),
         }
         keypoints.append(
             shared | {"stamp_ns": np.full(n, views["stamp_ns"][i]), "xyz": xyz, "uv": uv}

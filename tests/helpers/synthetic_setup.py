@@ -44,14 +44,15 @@ N_RINGS = 12
 @dataclass(frozen=True)
 class SyntheticWorld:
     """What is there: targets, lens, T_body_target by target (identity) and by how much, m, the
-    lidar's ranges are too long, for every ring, and to squares of a board that are black if its
-    first one is."""
+    lidar's ranges are too long, for every ring, to squares of a board that are black if its first
+    one is, and at intensity 0 rather than 100; None: the lidar tells no intensity."""
 
     targets: dict = field(default_factory=lambda: TARGETS_BY_NAME)
     camera: CameraModel = CAMERA_MODEL
     T_body_target: dict = field(default_factory=dict)
     range_bias_m: np.ndarray = field(default_factory=lambda: np.zeros(N_RINGS))
     black_range_m: float = 0.0
+    weak_range_m: float | None = None
 
 
 def scale_pattern(factor):
@@ -190,8 +191,13 @@ def _draw_returns(rng, world, target, T, k, noise, n=180):
     longer = noise * RANGE_SIGMA_M * rng.normal(size=n) + world.range_bias_m[ring]
     if isinstance(target, Board):
         longer += world.black_range_m * is_black(q)
+    columns = {}
+    if world.weak_range_m is not None:
+        intensity = np.random.default_rng(k).uniform(0, 100, n)
+        longer += world.weak_range_m * (0.5 - intensity / 100)
+        columns["intensity"] = intensity
     p = p * (1 + longer / np.linalg.norm(p, axis=1))[:, None]
-    return _keypoint_columns("target_surface", k, ring, RANGE_SIGMA_M, xyz=p)
+    return _keypoint_columns("target_surface", k, ring, RANGE_SIGMA_M, xyz=p) | columns
 
 
 def is_black(q):
@@ -228,4 +234,5 @@ def _keypoint_columns(kind, k, index, sigma, uv=None, xyz=None):
         "uv": np.full((n, 2), np.nan) if uv is None else uv,
         "sigma": np.full(n, sigma),
         "whitening": np.tile([1.0, 0.0, 1.0], (n, 1)),
+        "intensity": np.full(n, np.nan),
     }

@@ -207,6 +207,7 @@ def _keypoint_columns(
         "uv": np.full((n, 2), np.nan) if uv is None else uv,
         "sigma": np.full(n, sigma),
         "whitening": np.broadcast_to(whitening, (n, 3)),
+        "intensity": np.full(n, np.nan),
     }
 
 

@@ -145,7 +145,11 @@ def _redraw_scan(
     echoes = scan_scene(PosedScene(session.scene, T, T_world_lidar), firing)
     has_return = echoes.has_return[:, 0]
     beams, distance = firing.beam_directions[has_return, 0], echoes.distance_m[has_return, 0]
-    columns = {"ring": ring[has_return], "point_time_ns": firing.column_time_ns[has_return]}
+    columns = {
+        "ring": ring[has_return],
+        "point_time_ns": firing.column_time_ns[has_return],
+        "intensity": np.full(has_return.sum(), np.nan, np.float32),
+    }
 
     def fresh(row: int) -> dict[str, Any]:
         ranges = distance + session.arguments.range_noise_m * rng.standard_normal(len(distance))

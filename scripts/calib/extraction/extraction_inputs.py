@@ -89,11 +89,12 @@ def make_keypoint_columns(
     sigma: float | np.ndarray = 0.0,
     whitening: float | np.ndarray = np.nan,
     point_time_ns: int | np.ndarray = 0,
+    intensity: float | np.ndarray = np.nan,
 ) -> Columns:
     """Return the columns of n keypoints of the view in row i; what is not measured is NaN.
 
     index: (n,) feature. xyz: (n, 3), m. uv: (n, 2), px. sigma: (n,) px, m or rad. whitening:
-    (n, 3). point_time_ns: (n,) after the stamp of the view.
+    (n, 3). point_time_ns: (n,) after the stamp of the view. intensity: (n,).
     """
     n = len(index)
     nan = np.full((n, 3), np.nan)
@@ -108,4 +109,5 @@ def make_keypoint_columns(
         "uv": nan[:, :2] if uv is None else uv,
         "sigma": np.broadcast_to(sigma, n),
         "whitening": np.broadcast_to(whitening, (n, 3)),
+        "intensity": np.broadcast_to(np.asarray(intensity, float), n),
     }

@@ -217,6 +217,7 @@ def make_surface_columns(
         xyz=view_points(views, i)[rows],
         sigma=context.model.range_sigma,
         point_time_ns=np.asarray(views["point_time_ns"][i])[rows],
+        intensity=np.asarray(views["intensity"][i])[rows],
     )
 
 

@@ -18,6 +18,7 @@ from calib.initial_guess.initial_guess import SOURCE_DATA, OffsetGuess
 from calib.io.status import MessageError, failure_status
 from calib.mocap.body_trajectory import Trajectory
 from calib.sensors.camera.images.image_messages import to_grey
+from calib.sensors.lidar.clouds.cloud_messages import LidarPoints
 from calib.views.sensor_croppers import FrameReader
 
 SEARCH_RANGE_S = 1.2  # to both sides of the stated offset
@@ -68,13 +69,9 @@ def shrink_image(image: np.ndarray) -> SmallFrame:
     return SmallFrame(small.astype(float), 0)
 
 
-def shrink_scan(points: tuple[np.ndarray, np.ndarray, np.ndarray]) -> SmallFrame:
-    """Return mean ranges (7200,), m, in cells of azimuth and elevation, at the middle of the scan.
-
-    points: xyz (n, 3), m, ring (n,) and time after the stamp (n,), ns.
-    """
-    xyz, _, point_time_ns = points
-    xyz = xyz.astype(float)
+def shrink_scan(points: LidarPoints) -> SmallFrame:
+    """Return mean ranges (7200,), m, by azimuth and elevation, at the middle of the scan."""
+    xyz, point_time_ns = points.xyz.astype(float), points.dt
     distance = np.linalg.norm(xyz, axis=1)
     azimuth, elevation = np.arctan2(xyz[:, 1], xyz[:, 0]), np.arcsin(xyz[:, 2] / distance)
     column = ((azimuth / np.pi + 1) / 2 * (SMALL_SCAN_CELLS[0] - 1)).astype(int)

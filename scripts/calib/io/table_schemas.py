@@ -90,7 +90,7 @@ _VIEW_COLUMNS = (
 
 LIDAR_VIEWS_SCHEMA = _make_schema(
     "views-lidar",
-    1,
+    2,
     *_VIEW_COLUMNS,
     _make_column(
         "xyz", pa.list_(pa.float32()), unit="m", frame="lidar", meaning="flattened (n, 3)"
@@ -101,6 +101,9 @@ LIDAR_VIEWS_SCHEMA = _make_schema(
         pa.list_(pa.int64()),
         unit="ns",
         meaning="time of the point after the stamp",
+    ),
+    _make_column(
+        "intensity", pa.list_(pa.float32()), meaning="as the cloud has it; NaN if it has none"
     ),
 )
 
@@ -145,13 +148,14 @@ _KEYPOINT_COLUMNS = (
         _vector_type(3),
         meaning="a, b, c: ((a, b), (0, c)) (du, dv) has errors of one sigma; NaN for a lidar",
     ),
+    _make_column("intensity", pa.float64(), meaning="of a return; NaN if unknown"),
 )
 
-KEYPOINTS_SCHEMA = _make_schema("keypoints", 2, *_KEYPOINT_COLUMNS)
+KEYPOINTS_SCHEMA = _make_schema("keypoints", 3, *_KEYPOINT_COLUMNS)
 
 PAIRS_SCHEMA = _make_schema(
     "pairs",
-    3,
+    4,
     _make_column("sensor", TEXT_TYPE),
     *_KEYPOINT_COLUMNS,
     _make_column(

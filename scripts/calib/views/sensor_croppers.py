@@ -17,6 +17,7 @@ from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.camera.images.image_messages import encode_png, read_bgr
 from calib.sensors.lidar.clouds import cloud_messages
 from calib.sensors.lidar.clouds.cloud_layout import CloudLayout
+from calib.sensors.lidar.clouds.cloud_messages import LidarPoints
 from calib.sensors.lidar.lidar_model import LidarModel
 from calib.sensors.sensor_models import camera_from_config
 from calib.targets.target_shapes import TargetShape
@@ -89,16 +90,14 @@ class LidarCropper:
         self.has_measurement_time = self.layout.point_time is not None
 
     def empty_payload(self) -> Payload:
-        return {"xyz": [], "ring": [], "point_time_ns": []}
+        return {"xyz": [], "ring": [], "point_time_ns": [], "intensity": []}
 
-    def read_message(self, message: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return xyz (n, 3), m, ring (n,) and time after the stamp (n,), ns, of all returns."""
+    def read_message(self, message: Any) -> LidarPoints:
+        """Return all returns."""
         return cloud_messages.read_points(message, self.layout)
 
-    def cut_window(
-        self, points: tuple[np.ndarray, np.ndarray, np.ndarray], window: TargetWindow
-    ) -> WindowCut:
-        xyz, ring, point_time_ns = points
+    def cut_window(self, points: LidarPoints, window: TargetWindow) -> WindowCut:
+        xyz, ring, point_time_ns, intensity = points
         if not len(xyz):
             return WindowCut(self.empty_payload(), "no return at all")
         # The whole scan must lie within the span: the time span of the window alone would depend
@@ -116,6 +115,7 @@ class LidarCropper:
                 "xyz": xyz[is_inside].reshape(-1),
                 "ring": ring[is_inside],
                 "point_time_ns": point_time_ns[is_inside],
+                "intensity": intensity[is_inside],
             }
         )
 

@@ -78,6 +78,7 @@ def columns(kind, placement, xyz=None, uv=None, sigma=1.0):
         "uv": np.full((n, 2), np.nan) if uv is None else uv,
         "sigma": np.full(n, sigma),
         "whitening": np.tile([1.0, 0.0, 1.0], (n, 1)),
+        "intensity": np.full(n, np.nan),
     }
 
 

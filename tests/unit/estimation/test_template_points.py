@@ -363,6 +363,7 @@ def extracted(q, keypoints, error=(0,) * 6, min_points=20):
     p, n = transform_points(T_BOARD, q), len(q)
     views = {"view": [0], "stamp_ns": [0], "target": ["board"], "placement": [0]}
     views |= {"point_time_ns": [np.zeros(n, int)], "ring": [np.zeros(n, int)]}
+    views |= {"intensity": [np.full(n, np.nan)]}
     views |= {"xyz": [p.reshape(-1)]}
     target = replace(BOARD, point_template=replace(BOARD.point_template, keypoint_mode=keypoints))
     place = Placement("s", "board", T_BOARD, np.eye(4), np.zeros(6))

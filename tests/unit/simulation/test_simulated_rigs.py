@@ -68,7 +68,7 @@ def decoded(driver, echoes):
     """xyz (n, 3), ring (n,) and dt (n,), ns, of a cloud of that driver, ring by ring."""
     message = make_cloud_message(STAMP, "lidar", driver, echoes)
     layout = infer_cloud_layout([CloudSample(read_raw_cloud(message), STAMP)], 0, {})[0]
-    xyz, ring, dt = cloud_messages.read_points(message, layout)
+    xyz, ring, dt, _ = cloud_messages.read_points(message, layout)
     order = np.lexsort([xyz[:, 2], xyz[:, 1], xyz[:, 0]])
     return xyz[order], ring[order], dt[order]
 

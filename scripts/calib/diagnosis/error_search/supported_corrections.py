@@ -34,7 +34,13 @@ MOUNT = "mount"  # name of the correction of T_body_target
 P_ACCEPT = 1e-5  # p-value below which a correction is estimated
 MAX_ROUNDS = 4  # of accepting corrections
 CORRECTIONS_BY_KEY = {  # names of corrections by key of solve.estimate
-    "lidar_corrections": ("beam_offsets", "dark_ranges", "beam_width", "outline_vs_surface"),
+    "lidar_corrections": (
+        "beam_offsets",
+        "dark_ranges",
+        "intensity_ranges",
+        "beam_width",
+        "outline_vs_surface",
+    ),
     "target_alignment": (MOUNT,),
     "board_shape": (BOARD_SHAPE,),
     "mocap_scale": (MOCAP_SCALE,),

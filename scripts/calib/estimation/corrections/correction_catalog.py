@@ -13,6 +13,7 @@ from calib.estimation.corrections.board_shape import make_board_shape_correction
 from calib.estimation.corrections.camera.camera_intrinsics import make_lens_corrections
 from calib.estimation.corrections.camera.lens_distortion import make_distortion_corrections
 from calib.estimation.corrections.lidar.dark_ranges import make_dark_range_corrections
+from calib.estimation.corrections.lidar.intensity_ranges import make_intensity_corrections
 from calib.estimation.corrections.lidar.lidar_outline_errors import (
     make_beam_width_corrections,
     make_outline_twist_corrections,
@@ -54,6 +55,7 @@ CORRECTION_SOURCES: tuple[CorrectionSource, ...] = (
     make_range_corrections,
     make_beam_corrections,
     make_dark_range_corrections,
+    make_intensity_corrections,
     make_beam_width_corrections,
     make_outline_twist_corrections,
 )

@@ -18,6 +18,7 @@ CORRECTION_LABELS = {
     "beam_offsets": "ranges of single beams",
     "range_bias": "ranges",
     "dark_ranges": "ranges of dark squares",
+    "intensity_ranges": "ranges by intensity",
 }
 
 

@@ -17,7 +17,9 @@ class LidarModel:
     ranges are too long; range_offsets, those of ring 0, 1, … in addition; beam_width (m, rad), by
     which outlines appear wider all round: the first, plus the second times the range; outline_twist
     (6,), from the lidar's pose to the pose that the outlines in its scans give; dark_ranges, by
-    which the ranges of dark squares are too long, of each colour if nobody says which is dark.
+    which the ranges of dark squares are too long, of each colour if nobody says which is dark;
+    intensity_ranges: (m, low, high), by which returns of intensity low are longer than those of
+    high, and in proportion between and beyond them, without a change half-way.
     beam_range_sigma and beam_width_sigma are the priors of one beam's range and of the width.
     beam_divergence: full angle of a beam.
     """
@@ -35,16 +37,29 @@ class LidarModel:
     beam_width: tuple[float, ...] = (0.0, 0.0)
     outline_twist: tuple[float, ...] = (0.0,) * 6
     dark_ranges: tuple[float, ...] = ()
+    intensity_ranges: tuple[float, ...] = ()
     beam_divergence: float = 0.0
 
-    def correct_ranges(self, xyz: np.ndarray, ring: np.ndarray) -> np.ndarray:
-        """Return xyz (n, 3), sensor frame, of rings (n,) without the estimated range errors."""
-        if self.range_bias or self.range_offsets:
-            offsets = np.append(self.range_offsets, 0.0)
-            has_offset = (ring >= 0) & (ring < len(self.range_offsets))
-            excess = self.range_bias + offsets[np.where(has_offset, ring, -1)]
-            xyz = xyz * (1 - excess / np.linalg.norm(xyz, axis=1))[:, None]
-        return xyz
+    def correct_ranges(
+        self, xyz: np.ndarray, ring: np.ndarray, intensity: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return xyz (n, 3), sensor frame, without the estimated range errors.
+
+        ring, intensity (n,): of each return; NaN or None: unknown.
+        """
+        if not (self.range_bias or self.range_offsets or self.intensity_ranges):
+            return xyz
+        offsets = np.append(self.range_offsets, 0.0)
+        has_offset = (ring >= 0) & (ring < len(self.range_offsets))
+        excess = self.range_bias + offsets[np.where(has_offset, ring, -1)]
+        if self.intensity_ranges and intensity is not None:
+            excess = excess + self._intensity_excess(intensity)
+        return xyz * (1 - excess / np.linalg.norm(xyz, axis=1))[:, None]
+
+    def _intensity_excess(self, intensity: np.ndarray) -> np.ndarray:
+        """Return by how much, m, the ranges of returns (n,) are too long, by their intensity."""
+        longer, low, high = self.intensity_ranges
+        return np.nan_to_num(longer * ((low + high) / 2 - intensity) / (high - low))
 
     def correct_rays(self, rays: np.ndarray, ranges: np.ndarray) -> np.ndarray:
         """Return unit rays (n, 3), sensor frame, to an outline at ranges (n,) by outline_twist."""

@@ -17,6 +17,7 @@ from calib.sensors.lidar.clouds import cloud_messages, pointcloud2
 from calib.sensors.lidar.clouds.cloud_layout import CloudLayout, infer_cloud_layout
 from calib.sensors.lidar.clouds.cloud_messages import read_raw_cloud
 from calib.sensors.lidar.clouds.point_time_inference import CloudSample
+from calib.sensors.lidar.clouds.raw_cloud import make_raw_cloud, read_intensity
 from simulation.ros_log import SPECIAL_CLOUD_MESSAGES, make_cloud_message
 from simulation.sensors.cloud_formats import CLOUD_FORMATS, Echoes
 from simulation.sensors.scan_patterns import SCAN_PATTERNS
@@ -106,8 +107,8 @@ def heard(*messages, asked=None):
 
 
 def points(message, layout):
-    """clouds.points by what a whole cloud of that layout tells."""
-    return cloud_messages.read_points(message, heard(cloud(layout))[0])
+    """xyz, ring and dt by what a whole cloud of that layout tells."""
+    return cloud_messages.read_points(message, heard(cloud(layout))[0])[:3]
 
 
 def has(layout, *names):
@@ -247,7 +248,7 @@ def test_points_times_and_rings_of_every_driver_are_the_same(driver):
     layout, words, status = heard(*messages)
     assert status.ok
     e, message = echoes[3], messages[3]
-    xyz, ring, dt = cloud_messages.read_points(message, layout)
+    xyz, ring, dt, _ = cloud_messages.read_points(message, layout)
     beam = np.broadcast_to(np.arange(e.distance_m.shape[1]), e.distance_m.shape)[e.has_return]
     after = np.broadcast_to(e.column_time_ns, e.distance_m.shape)[e.has_return]
     t = dt + header_stamp_ns(message) - e.stamp_ns
@@ -259,6 +260,28 @@ def test_points_times_and_rings_of_every_driver_are_the_same(driver):
     else:
         assert np.abs(t - after).max() < (1000 if driver == "laserscan" else 300)
     assert np.array_equal(ring, beam)
+
+
+@pytest.mark.parametrize("driver", ALL)
+def test_the_intensity_of_every_return_is_read_under_the_name_that_the_driver_gives_it(driver):
+    """A LaserScan without intensities has none; a scene of one grey tells none."""
+    echoes, messages = recorded(driver, columns=-360 if driver == "laserscan" else 360)
+    e, message = echoes[3], messages[3]
+    xyz, *_, intensity = cloud_messages.read_points(message, heard(*messages)[0])
+    expected = np.round(np.broadcast_to(e.grey_level, e.distance_m.shape)[e.has_return] / 2)
+    if driver == "laserscan" or np.ptp(expected) == 0:
+        assert np.isnan(intensity).all()
+    else:
+        assert np.array_equal(
+            *(in_order(p, i)[1] for p, i in ((e.xyz[e.has_return], expected), (xyz, intensity)))
+        )
+
+
+def test_a_field_of_intensities_that_holds_one_value_throughout_tells_none():
+    fields = {name: np.ones(3) for name in ("x", "y", "z", "intensity")}
+    cloud_of_ones = make_raw_cloud(0, fields | {"reflectivity": np.arange(3)}, (1, 3))
+    assert np.array_equal(read_intensity(cloud_of_ones), [0, 1, 2])
+    assert np.isnan(read_intensity(make_raw_cloud(0, fields, (1, 3)))).all()
 
 
 WORDS = {
@@ -588,7 +611,7 @@ def test_any_header_gives_points_or_one_clean_error(sizes, data, fields, big):
         message.fields = [*named, *message.fields[:3]]
     layout = heard(cloud("velodyne, packed"))[0]
     try:
-        xyz, ring, dt = cloud_messages.read_points(message, layout)
+        xyz, ring, dt, _ = cloud_messages.read_points(message, layout)
     except MessageError:
         return
     assert len(xyz) == len(ring) == len(dt) and np.isfinite(xyz).all()

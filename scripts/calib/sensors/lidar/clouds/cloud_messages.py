@@ -17,6 +17,7 @@ from calib.sensors.lidar.clouds.point_time_inference import point_times_ns
 from calib.sensors.lidar.clouds.raw_cloud import (
     RawCloud,
     has_return,
+    read_intensity,
     select_cloud_points,
     stack_xyz,
 )
@@ -73,12 +74,13 @@ class LidarPoints(NamedTuple):
     """The returns of a scan.
 
     xyz: (n, 3) float32, m; ring: (n,), -1 where unknown; dt: (n,), ns after the stamp, zero if
-    points have no time.
+    points have no time; intensity: (n,) float32, NaN where unknown.
     """
 
     xyz: np.ndarray
     ring: np.ndarray
     dt: np.ndarray
+    intensity: np.ndarray
 
 
 def read_raw_cloud(message: Any) -> RawCloud:
@@ -101,4 +103,5 @@ def read_points(message: Any, layout: CloudLayout) -> LidarPoints:
             f"points {largest_ns / NS_PER_S:.1f} s from the stamp of their scan; expected "
             f"{MAX_POINT_TIME_NS // NS_PER_S} s at most. Check point_time and the lidar's clock."
         )
-    return LidarPoints(stack_xyz(cloud).astype(np.float32), assign_beams(cloud, layout.beams), dt)
+    xyz, ring = stack_xyz(cloud).astype(np.float32), assign_beams(cloud, layout.beams)
+    return LidarPoints(xyz, ring, dt, read_intensity(cloud))

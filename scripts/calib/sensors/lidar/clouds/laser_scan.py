@@ -9,7 +9,7 @@ from calib.sensors.lidar.clouds.raw_cloud import RawCloud, make_raw_cloud
 
 
 def read(message: Any) -> RawCloud:
-    """Return all beams; field time_increment: the time of each, s after the stamp, if stated."""
+    """Return all beams, with their intensity and time_increment, s after the stamp, if stated."""
     ranges = np.asarray(message.ranges, float)
     n = len(ranges)
     angle = np.nan_to_num(message.angle_min + message.angle_increment * np.arange(n))
@@ -21,6 +21,8 @@ def read(message: Any) -> RawCloud:
         "z": np.zeros(n),
         "ring": np.zeros(n, np.int32),
     }
+    if len(message.intensities) == n:
+        fields["intensity"] = np.asarray(message.intensities, float)
     if message.time_increment:
         fields["time_increment"] = message.time_increment * np.arange(n)
     return make_raw_cloud(header_stamp_ns(message), fields, (1, n))

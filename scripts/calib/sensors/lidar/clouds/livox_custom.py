@@ -7,7 +7,14 @@ import numpy as np
 from calib.io.logs.message_headers import header_stamp_ns
 from calib.sensors.lidar.clouds.raw_cloud import RawCloud, make_raw_cloud
 
-LIVOX_POINT_DTYPES = {"x": "f4", "y": "f4", "z": "f4", "line": "u1", "offset_time": "i8"}
+LIVOX_POINT_DTYPES = {
+    "x": "f4",
+    "y": "f4",
+    "z": "f4",
+    "line": "u1",
+    "reflectivity": "u1",
+    "offset_time": "i8",
+}
 
 
 def read(message: Any) -> RawCloud:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 RANGE_FIELDS = ("range", "distance")  # fields that drivers set to zero where there is no return
+INTENSITY_FIELDS = ("intensity", "reflectivity", "i", "signal")  # the first that differs counts
 
 
 class RawCloud(NamedTuple):
@@ -58,3 +59,16 @@ def has_return(cloud: RawCloud) -> np.ndarray:
         if values is not None and np.any(values[is_return] != 0):
             is_return &= values != 0
     return is_return
+
+
+def read_intensity(cloud: RawCloud) -> np.ndarray:
+    """Return the intensity (n,) float32 of a cloud's points, NaN where it is unknown.
+
+    A field with one value throughout tells nothing: drivers fill fields that they do not know.
+    """
+    for name in INTENSITY_FIELDS:
+        values = cloud.fields.get(name)
+        known = np.zeros(0) if values is None else values[np.isfinite(values)]
+        if values is not None and len(known) and known.max() > known.min():
+            return np.where(np.isfinite(values), values, np.nan).astype(np.float32)
+    return np.full(cloud.n_points, np.nan, np.float32)
