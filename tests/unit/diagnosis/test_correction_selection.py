@@ -234,7 +234,7 @@ def test_the_programme_finds_the_same_with_the_numbers_as_with_the_data_mended_b
 def mended(group, lidar):
     """The group with the lidar's offsets taken off its returns."""
     k = group.keypoints
-    return replace(group, keypoints=k | {"xyz": lidar.correct_ranges(k["xyz"], k["feature_index"])})
+    return replace(group, keypoints=k | {"xyz": lidar.correct_ranges(k)})
 
 
 def estimable_corrections(made):
@@ -336,7 +336,9 @@ def test_ranges_are_mended_by_the_bias_of_all_and_the_offset_of_their_ring():
         0.003, 0.03, None, None, (0.3, 100), 0.01, range_bias=0.1, range_offsets=(0.0, -0.3)
     )
     xyz = np.array([[2.0, 0, 0], [0, 2.0, 0], [0, 0, 2.0], [2.0, 0, 0]])
-    mended = np.linalg.norm(lidar.correct_ranges(xyz, np.array([0, 1, 2, -1])), axis=1)
+    mended = np.linalg.norm(
+        lidar.correct_ranges({"xyz": xyz, "feature_index": np.array([0, 1, 2, -1])}), axis=1
+    )
     np.testing.assert_allclose(mended, [1.9, 2.2, 1.9, 1.9])
 
 
@@ -348,6 +350,8 @@ def test_an_outline_is_wider_by_the_lens_over_the_range_and_by_the_divergence():
 def test_rays_turn_with_the_displacement_of_outlines_and_returns_do_not():
     lidar = replace(LIDAR_MODEL, outline_twist=(0.0, 0.2, 0.0, 0.0, 0.0, 0.0))
     xyz = np.array([[2.0, 0.0, 0.0]])
-    np.testing.assert_array_equal(lidar.correct_ranges(xyz, np.zeros(1, int)), xyz)
+    np.testing.assert_array_equal(
+        lidar.correct_ranges({"xyz": xyz, "feature_index": np.zeros(1, int)}), xyz
+    )
     ray = lidar.correct_rays(np.array([[1.0, 0.0, 0.0]]), np.array([2.0]))
     np.testing.assert_allclose(ray * 2 / ray[0, 0], [[2.0, 0.2, 0.0]])

@@ -46,9 +46,7 @@ def assign(
 
     features: 1 for the end towards +x, 0 for the other, -1 for none.
     """
-    p = model.correct_ranges(
-        keypoints["xyz"], keypoints["feature_index"], keypoints.get("intensity")
-    )
+    p = model.correct_ranges(keypoints)
     ranges, q, beams = returns_in_target_frame(p, T_sensor_target)
     end = -np.sign(beams[:, 0]) if features is None else np.where(features > 0, 1.0, -1.0)
     gap, cosine = target.cap_distance_along_beam(q.T, beams.T, end)

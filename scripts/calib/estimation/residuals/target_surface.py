@@ -49,9 +49,7 @@ def assign(
     Towards the rim and towards grazing incidence a return loses its weight, so that the cost does
     not jump when it comes or goes there. features: 0, or -1 for none.
     """
-    p = model.correct_ranges(
-        keypoints["xyz"], keypoints["feature_index"], keypoints.get("intensity")
-    )
+    p = model.correct_ranges(keypoints)
     ranges, q, beams = returns_in_target_frame(p, T_sensor_target)
     gap, cosine = target.distance_along_beam(q.T, beams.T)
     trust = taper_weight(cosine - options["min_cosine"], INCIDENCE_TAPER_COS)

@@ -1,5 +1,6 @@
 """The scan pattern, noise and beams of a lidar."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,20 +41,20 @@ class LidarModel:
     intensity_ranges: tuple[float, ...] = ()
     beam_divergence: float = 0.0
 
-    def correct_ranges(
-        self, xyz: np.ndarray, ring: np.ndarray, intensity: np.ndarray | None = None
-    ) -> np.ndarray:
-        """Return xyz (n, 3), sensor frame, without the estimated range errors.
+    def correct_ranges(self, returns: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Return xyz (n, 3), sensor frame, of returns without the estimated range errors.
 
-        ring, intensity (n,): of each return; NaN or None: unknown.
+        returns: xyz (n, 3); feature_index (n,), the ring; intensity (n,), NaN where unknown, which
+        only an estimate of intensity_ranges needs.
         """
+        xyz, ring = returns["xyz"], returns["feature_index"]
         if not (self.range_bias or self.range_offsets or self.intensity_ranges):
             return xyz
         offsets = np.append(self.range_offsets, 0.0)
         has_offset = (ring >= 0) & (ring < len(self.range_offsets))
         excess = self.range_bias + offsets[np.where(has_offset, ring, -1)]
-        if self.intensity_ranges and intensity is not None:
-            excess = excess + self._intensity_excess(intensity)
+        if self.intensity_ranges:
+            excess = excess + self._intensity_excess(returns["intensity"])
         return xyz * (1 - excess / np.linalg.norm(xyz, axis=1))[:, None]
 
     def _intensity_excess(self, intensity: np.ndarray) -> np.ndarray:
