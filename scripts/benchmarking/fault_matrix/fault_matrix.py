@@ -23,6 +23,8 @@ CLEAN_FAULTS = tuple(
     for title, arguments in ROOM_RIGS.items()
 )
 
+FAULTS_BY_KEY = {fault.key: fault for fault in (*CLEAN_FAULTS, *MATRIX_FAULTS)}
+
 
 def parse_matrix_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     """Parse the command line."""
@@ -39,9 +41,9 @@ def parse_matrix_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
-def measure_into_file(work: Path, fault: MatrixFault, n_draws: int, has_kept_rows: bool) -> str:
+def measure_into_file(work: Path, key: str, n_draws: int, has_kept_rows: bool) -> str:
     """Measure a row, unless it is there and has_kept_rows; return what came of it, in words."""
-    path = work / f"{fault.key}.json"
+    path, fault = work / f"{key}.json", FAULTS_BY_KEY[key]
     if not (has_kept_rows and path.exists() and len(read_row(path).before) >= n_draws):
         row = measure_row(work / fault.key, fault, n_draws)
         path.write_text(row.to_json())
@@ -73,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     tasks += [(fault, counts[1]) for fault in MATRIX_FAULTS]
     with ProcessPoolExecutor(args.cores, get_context("spawn")) as pool:
         futures = [
-            pool.submit(measure_into_file, work, fault, n, args.keep)
+            pool.submit(measure_into_file, work, fault.key, n, args.keep)
             for fault, n in tasks
             if args.only in f"{fault.name}, {fault.size}"
         ]

@@ -70,7 +70,7 @@ def _record(
 
 
 SCALE = (r"motion capture's scale", r"distances of the motion capture")
-SCATTER = (r"motion capture.*scatter", r"errors of the MCS poses", r"mocap\.pose_\w*sigma")
+SCATTER = (r"motion capture.*scatter", r"mocap\.pose_\w*sigma", r"mocap\.use_measured_noise")
 CLOCK = (r"time offset", r"clock", r"time_offset_s")
 STEP = (r"clock.*(step|jump)", r"(step|jump).*clock", r"stamp.*jump")
 LENS = (r"distortion of camera", r"\bk1\b", r"lens of camera")
@@ -155,8 +155,8 @@ MATRIX_FAULTS: tuple[MatrixFault, ...] = (
         "motion capture wanders more",
         SCATTER,
         {
-            "× 4": "--mcs-wander-m 0.0006 --mcs-wander-deg 0.08 0.28 0.08",
-            "× 12": "--mcs-wander-m 0.0018 --mcs-wander-deg 0.24 0.84 0.24",
+            "× 3": "--mcs-wander-m 0.00045 --mcs-wander-deg 0.06 0.21 0.06",
+            "× 6": "--mcs-wander-m 0.0009 --mcs-wander-deg 0.12 0.42 0.12",
         },
     ),
     *_write(
