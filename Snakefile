@@ -266,6 +266,7 @@ rule judge:
     """Compares the result with the limits: pass, warn or fail."""
     input:
         solution="results/{rig}/solution.json",
+        audits=inputs_per_session("results/{rig}/{session}/log.json"),
         code=find_stage_code("judge"),
     output:
         calibration="results/{rig}/calibration.json",
@@ -279,7 +280,7 @@ rule judge:
     message:
         "judge {wildcards.rig}"
     shell:
-        "python {input.code[0]:q} --solution {input.solution:q}"
+        "python {input.code[0]:q} --solution {input.solution:q} --audits {input.audits:q}"
         " --calibration {output.calibration:q} --verdict {output.verdict:q}"
         " --options {params.options:q} 2> {log:q}"
 

@@ -1,6 +1,6 @@
 """Judges a solution by the limits of the config: pass, warn or fail, per sensor and for the rig.
 
-Reads   solution.json
+Reads   solution.json; log.json of all sessions: steps of clocks
 Writes  calibration.json  the results, for robots and people
         verdict.json      the verdict, its findings and the limits
 """
@@ -48,6 +48,7 @@ def verdict_json(verdict: Verdict, limits: dict[str, float]) -> dict[str, Any]:
 def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = StageArgumentParser(__doc__)
     parser.add_path("--solution", "solution.json")
+    parser.add_paths("--audits", "log.json of each session")
     parser.add_path("--calibration", "calibration.json to write")
     parser.add_path("--verdict", "verdict.json to write")
     return parser.parse_args(argv)
@@ -57,7 +58,8 @@ def main(argv: list[str] | None = None) -> None:
     """Run the stage."""
     args = _parse_arguments(argv)
     solution, limits = read_json(args.solution), args.options["judge"]
-    verdict = rig_findings(solution, limits)
+    audits = dict(zip(args.options["sessions"], map(read_json, args.audits), strict=True))
+    verdict = rig_findings(solution, limits, audits)
     calibration = calibration_json(solution, verdict)
     validate_and_complete("calibration", calibration, args.calibration)
     write_json(args.calibration, calibration)

@@ -240,7 +240,7 @@ def solve_options(wildcards):
 
 
 def judge_options(wildcards):
-    return options_json(judge=CONFIG["judge"])
+    return options_json(judge=CONFIG["judge"], sessions=list_rig_sessions(wildcards.rig))
 
 
 def report_options(wildcards):

@@ -159,7 +159,7 @@ def compare_on_config(folder):
         for n, s in told["sensors"].items()
     }
     solution = runner.run_to_solution()
-    limits = json.loads(runner.rules["judge_options"](None))["judge"]
+    limits = json.loads(runner.rules["judge_options"](SimpleNamespace(rig="sim")))["judge"]
     findings = rig_findings(solution, limits).findings
     refused = refusals_by_sensor(findings, runner.sensors)
     run = {

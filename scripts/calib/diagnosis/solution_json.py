@@ -105,14 +105,26 @@ def joint_estimate_json(
     names, joint = solved.names, solved.joint_covariance
     errors = []
     if names:
+        sigma = dict(zip(names, np.sqrt(np.diag(joint)).reshape(-1, 6), strict=True))
         errors = [
-            e | {"pose_shift": {n: e["pose_shift"][n] for n in names}} for e in suspected_errors
+            e | {"pose_shift": {n: _reported_shift(e["pose_shift"][n], sigma[n]) for n in names}}
+            for e in suspected_errors
         ]
     return {
         "joint_covariance": {"order": names, "matrix": joint.tolist()} if names else None,
         "pairs": relative_poses_json(result.state.T_robot_sensor, names, joint),
         "suspected_errors": errors,
     }
+
+
+def _reported_shift(pose_shift: dict[str, Any], sigma: np.ndarray) -> dict[str, float]:
+    """Return m, rad and sigmas of a shift of a pose, in its reported σ (6,) where that is larger.
+
+    An error that moves a pose by less than its reported σ is contained in it.
+    """
+    in_reported_sigma = float((np.abs(pose_shift["shift"]) / sigma).max())
+    sigmas = min(pose_shift["sigmas"], in_reported_sigma)
+    return {"m": pose_shift["m"], "rad": pose_shift["rad"], "sigmas": sigmas}
 
 
 def marginal_joint_covariance(

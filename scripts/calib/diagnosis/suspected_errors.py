@@ -29,8 +29,8 @@ def find_suspected_errors(
 
     Each has name, subject, description, remedy, change of the config; estimate and sigma of its
     parameters (m, rad, px or 1); log_likelihood_gain and p_value; explained_share of the squared
-    residuals by noise; pose_shift by sensor {m, rad, sigmas} if only this error is corrected, in
-    the σ after it; and alternatives, the other corrections that would do instead.
+    residuals by noise; pose_shift by sensor {m, rad, shift (6,), sigmas} if only this error is
+    corrected, in the σ after it; and alternatives, the other corrections that would do instead.
     """
     if result.solve_result is None:
         return []
@@ -81,9 +81,10 @@ def _pose_impact_m(error: dict[str, Any]) -> float:
 def _pose_shifts_json(
     sensors: list[str], before: ScoreStep, after: ScoreStep
 ) -> dict[str, dict[str, float]]:
-    """Return by how much each pose changes between steps: m, rad, and sigmas.
+    """Return by how much each pose changes between steps: m, rad, shift (6,) and sigmas.
 
-    sigmas: the largest of the six components, in the σ after the second step.
+    shift: right perturbation, m and rad. sigmas: its largest component, in the σ after the second
+    step.
     """
     rows = np.arange(6 * len(sensors))
     shifts = (after.x - before.x)[rows].reshape(-1, 6)
@@ -93,6 +94,7 @@ def _pose_shifts_json(
         name: {
             "m": float(np.linalg.norm(shift[:3])),
             "rad": float(np.linalg.norm(shift[3:])),
+            "shift": shift.tolist(),
             "sigmas": float((np.abs(shift) / sigma).max()),
         }
         for name, shift, sigma in zip(sensors, shifts, sigmas, strict=True)

@@ -1,6 +1,6 @@
-"""Findings on errors of a recording or its config: suspected errors, target mounts, sessions."""
+"""Findings on errors of a recording or its config: suspected errors, clocks, mounts, sessions."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -132,6 +132,20 @@ def _fixed_time_offset_findings(error: dict[str, Any], limits: Limits) -> list[F
         change=error["change"],
     )
     return [with_limit(finding, abs(offset_s), limit_s)]
+
+
+def clock_step_findings(audits: Mapping[str, dict[str, Any]]) -> list[Finding]:
+    """Return one finding for each step of a clock within a recording. audits: log.json by session.
+
+    Stamps are corrected for the step, to some ms: placements near it may not be.
+    """
+    return [
+        make_finding(
+            "clock_step", [], "warn", text=f"{name}: {step['text']}", remedy=step["remedy"]
+        )
+        for name, audit in audits.items()
+        for step in audit.get("clock_steps", [])
+    ]
 
 
 def time_offset_findings(solution: dict[str, Any], limits: Limits) -> list[Finding]:

@@ -17,7 +17,10 @@ from calib.geometry.se3 import pose_from_xyz_quat
 from calib.io.pose_block import pose_from_config
 from calib.io.status import Status
 from calib.verdict.findings import Finding, make_finding
-from calib.verdict.model_error_findings import undetermined_mount_findings
+from calib.verdict.model_error_findings import (
+    clock_step_findings,
+    undetermined_mount_findings,
+)
 from calib.verdict.preflight_guess import PreflightSession
 from calib.verdict.preflight_visibility import SensorVisibility
 from calib.verdict.rig_verdict import Verdict, make_verdict, view_findings
@@ -47,7 +50,7 @@ def preflight_rig_findings(
     """
     found = [
         *preflight_status_findings(visibility, len(sessions)),
-        *clock_step_findings(sessions),
+        *clock_step_findings({name: session.audit for name, session in sessions.items()}),
         *preflight_target_findings(sessions, options),
     ]
     for name, by_session in visibility.items():
@@ -71,17 +74,6 @@ def preflight_status_findings(visibility: Visibility, n_sessions: int) -> list[F
                 places.setdefault((level, seen.status), []).append((name, session))
     return [
         _status_finding(level, status, at, n_sessions > 1) for (level, status), at in places.items()
-    ]
-
-
-def clock_step_findings(sessions: Sessions) -> list[Finding]:
-    """Return one finding for each step of a clock within a recording."""
-    return [
-        make_finding(
-            "clock_step", [], "warn", text=f"{name}: {step['text']}", remedy=step["remedy"]
-        )
-        for name, session in sessions.items()
-        for step in session.audit.get("clock_steps", [])
     ]
 
 

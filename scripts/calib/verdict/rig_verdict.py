@@ -1,5 +1,6 @@
 """Verdict on a solution: pass, warn or fail by the limits, with findings and remedies."""
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +36,7 @@ from calib.verdict.limit_checks import (
     SYSTEMATIC_CHECKS,
 )
 from calib.verdict.model_error_findings import (
+    clock_step_findings,
     mocap_scale_findings,
     repeatability_findings,
     suspected_error_findings,
@@ -62,11 +64,17 @@ class Verdict(NamedTuple):
     levels: dict[str, str]
 
 
-def rig_findings(solution: dict[str, Any], limits: Limits) -> Verdict:
-    """Judge the content of solution.json by the limits of the config."""
+def rig_findings(
+    solution: dict[str, Any], limits: Limits, audits: Mapping[str, dict[str, Any]] | None = None
+) -> Verdict:
+    """Judge the content of solution.json by the limits of the config.
+
+    audits: log.json by session; their steps of clocks are findings.
+    """
     sensors = dict(sorted(solution["sensors"].items()))
     found = [f for name, sensor in sensors.items() for f in sensor_findings(name, sensor, limits)]
     found = [_with_rig_name(finding, solution["rig"]) for finding in found]
+    found += clock_step_findings(audits or {})
     found += time_offset_findings(solution, limits)
     found += mocap_scale_findings(solution["mocap_scales"], limits)
     found += _cause_findings(solution, limits, found)

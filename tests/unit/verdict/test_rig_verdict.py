@@ -46,13 +46,15 @@ SPLIT_HALVES = {
 DIVERSE = ([0, 0, 1], [0, 1, 0], [0, 1, 1], [0.3, 1, -1], [0.3, -0.2, 1])
 
 
-def content(made):
-    """solution.json of a Setup."""
+def content(made, added_sigma_m=0.0):
+    """solution.json of a Setup; added_sigma_m: of every pose, beyond the model."""
     sensors = {n: KINDS[n] for n in made.models}
     options = {"rig": "r", "sensors": sensors, "targets": {}, "sessions": ["s"]}
     known = {name: (OK, GUESS) for name in sensors}
     result = solve_synthetic_setup(made)
     suspected = find_suspected_errors(made, result, list_corrections_and_shifts(made))
+    added = added_sigma_m**2 * np.eye(6)
+    result = result.with_added_covariance(np.kron(np.eye(len(sensors)), added))
     told = solution_json(made, result, suspected, known, options)
     for sensor in told["sensors"].values():
         sensor["next_view"] = None
@@ -97,6 +99,16 @@ def test_a_wrong_size_lens_or_mount_does_not_pass_and_is_named_first(case):
     assert level in ("warn", "fail")
     assert found[0]["check"] == "suspected_error" and words in found[0]["text"]
     assert all("more placements" not in f["remedy"] for f in found)
+
+
+@pytest.mark.parametrize(("added_sigma_m", "is_told"), [(0.0, True), (0.05, False)])
+def test_an_error_that_moves_a_pose_within_its_reported_sigma_is_not_said_to_move_it(
+    added_sigma_m, is_told
+):
+    """Squares 2 % too large move the camera by some 40 mm."""
+    made = make_synthetic_setup(0, MIXED, SyntheticWorld(targets=scale_pattern(1.02)))
+    _, found, _ = rig_findings(content(made, added_sigma_m), LIMITS)
+    assert any("moves camera by" in f["text"] for f in found) == is_told
 
 
 def test_an_outline_100_mm_too_long_does_not_pass_and_is_named():
@@ -528,3 +540,12 @@ def test_halves_that_chose_other_corrections_are_told_with_both_choices_and_the_
 def test_too_few_placements_for_halves_are_none_of_the_verdict(clean):
     told = copy.deepcopy(clean) | {"split_halves": None}
     assert rig_findings(told, LIMITS)[0] == "pass"
+
+
+def test_a_clock_that_was_set_while_recording_is_a_reason_with_its_advice(clean):
+    step = {"at_s": 7.0, "size_s": 0.4, "text": "/tf: jumped by +400 ms at 7.0 s"}
+    audit = {"clock_steps": [step | {"remedy": "Make two sessions of this log."}]}
+    level, (found,), levels = rig_findings(clean, LIMITS, {"s": audit, "t": {"clock_steps": []}})
+    assert (level, set(levels.values())) == ("warn", {"pass"})
+    assert (found["check"], found["remedy"]) == ("clock_step", "Make two sessions of this log.")
+    assert found["text"] == "s: /tf: jumped by +400 ms at 7.0 s"

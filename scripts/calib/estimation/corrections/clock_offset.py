@@ -161,7 +161,9 @@ def _suspected_clock_error_json(setup: Setup, estimate: CorrectionEstimate) -> d
         "log_likelihood_gain": gain,
         "p_value": gain_p_value(gain, 1),
         "explained_share": {},
-        "pose_shift": {n: {"m": 0.0, "rad": 0.0, "sigmas": 0.0} for n in setup.models},
+        "pose_shift": {
+            n: {"m": 0.0, "rad": 0.0, "shift": [0.0] * 6, "sigmas": 0.0} for n in setup.models
+        },
         "alternatives": [],
     }
 
