@@ -58,6 +58,7 @@ def build_log_audit(
     }
     return {
         "fingerprint": options["fingerprint"],
+        "start_ns": log.start_ns,
         "faults": [*log.read_errors, *describe_unreadable_messages(decoded)],
         "topics": {k: {"type": t, "messages": n} for k, (t, n) in sorted(log.topics.items())},
         "mocap": mocap,

@@ -3,7 +3,8 @@
 Reads   mocap.parquet, log.json
 Writes  placements.parquet: maximal still intervals per target, trimmed at both ends, with the mean
         T_robot_body over the interval and its covariance; and the intervals between, marked moving.
-        Its notes hold the status of each target and the noise of each body at rest
+        Its notes hold when the log starts, the status of each target and the noise of each body
+        at rest
 Decides by linear and angular speed over a window, from motion capture alone.
 """
 
@@ -38,7 +39,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     args = _parse_arguments(argv)
     options, mocap = args.options, args.options["mocap"]
     columns, _, _ = read_table(args.mocap, MOCAP_SCHEMA)
-    audit = read_json(args.audit)["bodies"]
+    log_audit = read_json(args.audit)
+    audit = log_audit["bodies"]
     limits = StillnessLimits.from_config(options["gate"])
     bodies = [options["body"], *options["targets"].values()]
     noise = measure_body_noise(columns, bodies, limits, mocap["max_gap_s"])
@@ -51,6 +53,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     table["placement"] = np.arange(len(rows))
     lines = [describe_rest_noise(name, measured, mocap) for name, measured in noise.items()]
     notes = {
+        "log_start_ns": log_audit["start_ns"],
         "targets": {target: found.to_dict() for target, found in statuses.items()},
         "mocap_noise": {name: measured.to_dict() for name, measured in noise.items()},
         "mocap_notes": lines,

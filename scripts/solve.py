@@ -13,6 +13,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,7 @@ from calib.estimation.problem_assembly import (
     session_keypoints_from_notes,
     statuses_before_solve,
 )
-from calib.io.parquet_tables import read_table, write_table
+from calib.io.parquet_tables import Columns, read_table, write_table
 from calib.io.stage_cli import StageArgumentParser, logger, run_stage, write_json
 from calib.io.table_schemas import (
     ITERATIONS_SCHEMA,
@@ -67,20 +68,35 @@ def read_sessions(
     mounts = mounts_from_guesses(
         {n: note["guess"] for n, note in notes.items()} for notes in notes_of_sessions
     )
-    paths = zip(options["sessions"], tables, args.placements, strict=True)
+    files = zip(options["sessions"], tables, args.placements, strict=True)
     sessions = [
-        session_keypoints_from_notes(
-            session=session,
-            keypoints=pairs,
-            notes=notes,
-            placement_columns=read_table(path, PLACEMENTS_SCHEMA)[0],
-            mounts=mounts,
-            options=options,
-        )
-        for session, (pairs, _, notes), path in paths
+        _make_session_keypoints(session, (pairs, notes), path, mounts, options)
+        for session, (pairs, _, notes), path in files
     ]
     sessions.sort(key=lambda s: (s.session in options["remounted"], s.session))
     return sessions, mounts
+
+
+def _make_session_keypoints(
+    session: str,
+    pairs_and_notes: tuple[Columns, dict[str, Any]],
+    placements_path: Path,
+    mounts: dict[str, np.ndarray],
+    options: dict[str, Any],
+) -> SessionKeypoints:
+    """Return a session, with the start of its log unless it is a part of a cut one."""
+    columns, _, about = read_table(placements_path, PLACEMENTS_SCHEMA)
+    made = session_keypoints_from_notes(
+        session=session,
+        keypoints=pairs_and_notes[0],
+        notes=pairs_and_notes[1],
+        placement_columns=columns,
+        mounts=mounts,
+        options=options,
+    )
+    if session in options["cut_sessions"]:
+        return made
+    return replace(made, log_start_ns=about["log_start_ns"])
 
 
 def read_moving_sessions(args: argparse.Namespace, options: dict[str, Any]) -> list[MovingSession]:

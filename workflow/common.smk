@@ -235,6 +235,7 @@ def solve_options(wildcards):
         body=rig["body"],
         max_gap_s=rig_max_gap_s(wildcards),
         remounted=[s for s in list_rig_sessions(wildcards.rig) if SESSIONS[s]["remounted"]],
+        cut_sessions=[s for s in list_rig_sessions(wildcards.rig) if SESSIONS[s]["is_part"]],
         used={s: sorted(SESSIONS[s]["sensors"]) for s in list_rig_sessions(wildcards.rig)},
     )
 

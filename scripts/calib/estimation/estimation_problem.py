@@ -37,8 +37,8 @@ class Placement:
     σ of the error of the body's pose, of a moving view of the part that all moving views share;
     robot_mocap_sigma: the same of the robot's pose, None if equal; robot_rest: number of the
     robot's rest in the session. Targets that rest at the same time share it, and the error of the
-    robot's pose. None: shared with no other. moving_view: None for a target at rest. slow_noise:
-    None where motion capture has none.
+    robot's pose. None: shared with no other. moving_view: None for a target at rest. start_ns,
+    end_ns: of the rest. slow_noise: None where motion capture has none.
     """
 
     session: str
@@ -49,6 +49,7 @@ class Placement:
     robot_rest: int | None = None
     moving_view: MovingView | None = None
     start_ns: int = 0
+    end_ns: int = 0
     robot_mocap_sigma: np.ndarray | None = None
     slow_noise: SlowNoise | None = None
 
@@ -79,7 +80,8 @@ class Setup:
     sensors whose pose is known beforehand; initial_mounts: T_body_target (4, 4) of the targets
     whose mount is estimated; mount_sigma: σ (6,) of the configured mounts, where stated;
     corrections: estimated beside the poses, values θ; estimable_intrinsics: how many parameters of
-    a camera can be estimated, or why none.
+    a camera can be estimated, or why none; log_starts_ns: when the log of a session starts, of the
+    sessions that are not parts of a cut one: from_s, to_s and remounted_at_s count from there.
 
     The unknowns, in order: twists of the sensors and of the estimated mounts, each by name; errors
     of the motion capture poses, in units of their σ: of the robot per rest, of the body per
@@ -97,6 +99,7 @@ class Setup:
     mount_sigma: dict[str, np.ndarray] = field(default_factory=dict)
     corrections: tuple["EstimableCorrection", ...] = ()
     estimable_intrinsics: dict[str, int | str] = field(default_factory=dict)
+    log_starts_ns: dict[str, int] = field(default_factory=dict)
 
     @cached_property
     def robot_error_index(self) -> np.ndarray:

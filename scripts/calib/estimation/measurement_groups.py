@@ -52,6 +52,7 @@ def make_still_placements(
             robot_mocap_sigma=robot_sigma[i] * (FIXED_POSE_SIGMA_FACTOR if is_held else 1.0),
             robot_rest=None if is_held else int(rests[i]),
             start_ns=int(columns["start_ns"][i]),
+            end_ns=int(columns["end_ns"][i]),
             slow_noise=_slow_noise(columns, int(i)),
         )
     return out

@@ -28,7 +28,8 @@ class SessionKeypoints:
 
     keypoints: columns of keypoints.parquet of all sensors, with `sensor`, and of solve with
     `candidate_feature` (pairs.parquet); placements: by number; T_robot_sensor: (4, 4) working poses
-    by sensor, of those that have keypoints; guesses: guess.json by sensor; statuses: by sensor.
+    by sensor, of those that have keypoints; guesses: guess.json by sensor; statuses: by sensor;
+    log_start_ns: None if the session is a part of a cut one.
     """
 
     session: str
@@ -37,6 +38,7 @@ class SessionKeypoints:
     T_robot_sensor: dict[str, np.ndarray]
     guesses: dict[str, dict[str, Any]] = field(default_factory=dict)
     statuses: dict[str, Status] = field(default_factory=dict)
+    log_start_ns: int | None = None
 
     def without_sensor(self, sensor: str, status: Status) -> "SessionKeypoints":
         """Return the session without the keypoints of a sensor, whose status is now this one."""
@@ -129,6 +131,7 @@ def assemble_setup(
         groups=groups,
         associate_options=associate_options,
         sensor_priors=sensor_priors or {},
+        log_starts_ns={s.session: t for s in sessions if (t := s.log_start_ns) is not None},
     )
 
 

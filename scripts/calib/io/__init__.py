@@ -4,6 +4,7 @@ status          status of what failed, and the errors that end a job
 stage_cli       command line, logging and JSON files of all stages
 config          config files, checked against their schemas and completed
 safe_yaml       bounded YAML loader
+session_parts   sessions that remounted_at_s cuts in two
 yaml_scalars    numbers and names that YAML 1.1 reads otherwise than people write them
 config_change   changes of the config that findings advise, as data
 pose_block      poses in config files and calibration.json

@@ -15,6 +15,7 @@ import jsonschema
 import yaml
 
 from calib.io.safe_yaml import load_yaml
+from calib.io.session_parts import cut_sessions
 from calib.io.status import InputError, did_you_mean
 from calib.io.yaml_scalars import quoting_advice, read_number_text
 
@@ -181,6 +182,7 @@ def load_config(
     config: content of config.yaml; folder: where rigs/ and targets/ are.
     """
     config = validate_and_complete("config", config, f"{folder}/config.yaml")
+    config["sessions"] = cut_sessions(config["sessions"], f"{folder}/config.yaml")
     names = sorted({s["rig"] for s in config["sessions"].values()})
     rigs = {n: _load_rig(f"{folder}/rigs/{n}.yaml") for n in names}
     files = sorted(Path(folder, "targets").glob("*.yaml"))

@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.estimation.corrections.clock_offset import TIME_OFFSET
 from calib.geometry.units import DEG_PER_RAD, MM_PER_M, MS_PER_S, SHARE_TO_PERCENT
-from calib.io.config_change import PIPELINE_FILE, ConfigChange, rig_change, target_change
+from calib.io.config_change import ConfigChange, rig_change, target_change
 from calib.verdict.findings import (
     Finding,
     Limits,
@@ -19,6 +19,7 @@ from calib.verdict.findings import (
 )
 from calib.verdict.limit_checks import MOCAP_SCALE, TIME_OFFSET_CHANGE
 
+ESTIMATE_KEYS = "solve.estimate."
 MIN_SCALE_SIGMAS = 3.0  # an error of the scale below this many σ is not told
 
 
@@ -68,15 +69,16 @@ def _undisputed_change(error: dict[str, Any]) -> ConfigChange | None:
     To let the data decide, by a key of solve.estimate, is right with rivals, too.
     """
     change: ConfigChange | None = error["change"]
-    if change and error["alternatives"] and change["file"] != PIPELINE_FILE:
+    if change and error["alternatives"] and not change["key"].startswith(ESTIMATE_KEYS):
         return None
     return change
 
 
 def _describe_remedies(error: dict[str, Any]) -> str:
     """Return what to do about an error, and then what tells it from its alternatives."""
-    first, *others = dict.fromkeys([error["remedy"], *(e["remedy"] for e in error["alternatives"])])
-    return first + "".join(f"; if that is right: {remedy}" for remedy in others)
+    every = [error["remedy"], *(e["remedy"] for e in error["alternatives"])]
+    first, *others = (f"{r[:1].upper()}{r[1:]}" for r in dict.fromkeys(every))
+    return first + "".join(f". If that is right: {r[:1].lower()}{r[1:]}" for r in others)
 
 
 def _is_failing_shift(m: float, rad: float, limits: Limits) -> bool:

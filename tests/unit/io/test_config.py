@@ -15,6 +15,7 @@ from calib.io.config import (
     validate_and_complete,
 )
 from calib.io.pose_block import pose_from_config, pose_json, pose_sigma_from_config
+from calib.io.session_parts import cut_sessions
 from calib.io.status import InputError
 from calib.sensors.lidar.lidar_model import LidarModel
 from calib.sensors.sensor_models import camera_from_config
@@ -641,3 +642,36 @@ def test_measured_noise_is_used_where_no_bias_is_stated(folder, bias, asked, exp
     write(folder / "rigs/husky.yaml", rig)
     rigs = load_config(copy.deepcopy(CONFIG), folder)[1]
     assert rigs["husky"]["mocap"]["use_measured_noise"] is expected
+
+
+def cut(**more):
+    """Sessions of a log whose markers were knocked at 7.5 s."""
+    knocked = {"rig": "r", "log": "x", "remounted_at_s": 7.5}
+    return validate_and_complete("config", {"sessions": {"s": knocked | more}}, "c")["sessions"]
+
+
+def test_a_session_is_cut_where_the_markers_of_the_robot_were_knocked():
+    both = cut_sessions(cut(from_s=1.0, to_s=20.0), "c")
+    assert list(both) == ["s", "s_after"]
+    parts = [(p["from_s"], p["to_s"], p["remounted"], p["is_part"]) for p in both.values()]
+    assert parts == [(1.0, 7.5, False, True), (7.5, 20.0, True, True)]
+    (whole,) = cut_sessions({"t": {"rig": "r", "log": "x"}}, "c").values()
+    assert whole["is_part"] is False
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"from_s": 8.0}, "7.5 s; expected a time between from_s 8.0 s and the end of the log"),
+        ({"to_s": 5.0}, "7.5 s; expected a time between from_s 0.0 s and to_s 5.0 s"),
+    ],
+)
+def test_a_cut_outside_its_session_is_refused_with_both_times(more, words):
+    with pytest.raises(InputError, match=words):
+        cut_sessions(cut(**more), "c")
+
+
+def test_a_cut_whose_later_part_has_a_name_that_is_taken_is_refused():
+    sessions = cut() | {"s_after": {"rig": "r", "log": "y"}}
+    with pytest.raises(InputError, match=r"sessions\.s_after exists"):
+        cut_sessions(sessions, "c")

@@ -361,7 +361,7 @@ def test_a_suspicion_that_moves_nothing_is_not_told(clean):
     far = suspected | {"pose_shift": far, "alternatives": [rival]}
     _, found, _ = told(clean, lambda s: s["suspected_errors"].append(far))
     assert found[0]["text"].endswith("; or else or not so (only one of them is true)")
-    assert (found[0]["remedy"], found[0]["change"]) == ("do; if that is right: look", None)
+    assert (found[0]["remedy"], found[0]["change"]) == ("Do. If that is right: look", None)
     change.update(file="config/config.yaml", key="solve.estimate.intrinsics", value=True)
     _, found, _ = told(clean, lambda s: s["suspected_errors"].append(far))
     assert found[0]["change"] == change

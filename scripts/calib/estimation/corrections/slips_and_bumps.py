@@ -10,6 +10,8 @@ from calib.estimation.corrections.group_linearization import GroupLinearization
 from calib.estimation.corrections.number_wording import format_twist_sigma
 from calib.estimation.estimation_problem import MeasurementGroup, Placement, Setup
 from calib.geometry.se3 import adjoint, invert_pose
+from calib.geometry.units import NS_PER_S
+from calib.io.config_change import ConfigChange, pipeline_change
 
 TARGET_SLIP, SENSOR_BUMP, ROBOT_KNOCK = "target_slip", "sensor_bump", "robot_knock"
 SESSION_SHIFT_NAMES = TARGET_SLIP, SENSOR_BUMP, ROBOT_KNOCK
@@ -20,11 +22,16 @@ SPLIT_REMEDY = "calibrate what comes before and after as sessions of their own (
 
 @dataclass(frozen=True)
 class ShiftStart:
-    """The first placement after a shift: session, start, and number in the session, from 1."""
+    """The first placement after a shift: session, start, and number in the session, from 1.
+
+    cut_s: time between it and the rest before, s after the first message of the log; None if that
+    is not known.
+    """
 
     session: str
     start_ns: int
     number: int
+    cut_s: float | None = None
 
     def is_before(self, linearization: GroupLinearization) -> bool:
         """Return whether a group was measured in the session after the shift."""
@@ -33,6 +40,16 @@ class ShiftStart:
 
     def __str__(self) -> str:
         return f"from its placement {self.number} in session {self.session} on"
+
+    def describe_change(self, key: str) -> str:
+        """Return `sessions.<session>.<key>: <time>`."""
+        return f"sessions.{self.session}.{key}: {self.cut_s}"
+
+    def change(self, key: str) -> ConfigChange | None:
+        """Return the change of a key of the session to the time of the shift, if it is known."""
+        if self.cut_s is None:
+            return None
+        return pipeline_change(f"sessions.{self.session}.{key}", self.cut_s)
 
 
 @dataclass(frozen=True)
@@ -56,7 +73,13 @@ class TargetSlipCorrection(TargetCorrection):
 
     @property
     def remedy(self) -> str:
-        return f"check whether {self.subject} or its markers were knocked then; {SPLIT_REMEDY}"
+        check = f"check whether {self.subject} or its markers were knocked then"
+        if self.start.cut_s is None:
+            return f"{check}; {SPLIT_REMEDY}"
+        return f"{check}; to use only what comes before, set {self.start.describe_change('to_s')}"
+
+    def config_change(self, values: np.ndarray) -> ConfigChange | None:
+        return self.start.change("to_s")
 
 
 @dataclass(frozen=True)
@@ -81,7 +104,15 @@ class SensorBumpCorrection(SensorCorrection):
 
     @property
     def remedy(self) -> str:
-        return f"check whether {self.subject} was bumped then; {SPLIT_REMEDY}"
+        check = f"check whether {self.subject} was bumped then"
+        if self.start.cut_s is None:
+            return f"{check}; {SPLIT_REMEDY}"
+        return (
+            f"{check}; for the pose that it has since, set {self.start.describe_change('from_s')}"
+        )
+
+    def config_change(self, values: np.ndarray) -> ConfigChange | None:
+        return self.start.change("from_s")
 
 
 def make_slip_corrections(setup: Setup) -> Iterator[TargetCorrection]:
@@ -89,14 +120,14 @@ def make_slip_corrections(setup: Setup) -> Iterator[TargetCorrection]:
     exact = {n for n, target in setup.targets.items() if target.uses_exact_surface}
     for (session, name), starts in _placement_starts(setup, lambda g, p: p.target):
         if name in exact:
-            for start in _cut_session(session, starts):
+            for start in _cut_session(setup, session, starts):
                 yield TargetSlipCorrection(name, start)
 
 
 def make_bump_corrections(setup: Setup) -> Iterator[SensorCorrection]:
     """Yield the possible bumps of every sensor."""
     for (session, name), starts in _placement_starts(setup, lambda g, p: g.sensor):
-        for start in _cut_session(session, starts):
+        for start in _cut_session(setup, session, starts):
             yield SensorBumpCorrection(name, start)
 
 
@@ -113,10 +144,27 @@ def _placement_starts(
     return sorted(starts.items())
 
 
-def _cut_session(session: str, starts: set[int]) -> list[ShiftStart]:
+def find_cut_time_s(setup: Setup, session: str, start_ns: int) -> float | None:
+    """Return a time between a rest and the one before, s after the first message of the log.
+
+    None if the start of the log is not known.
+    """
+    log_start_ns = setup.log_starts_ns.get(session)
+    if log_start_ns is None:
+        return None
+    still = setup.placements[: setup.n_still]
+    ends = [p.end_ns for p in still if p.session == session and p.end_ns <= start_ns]
+    cut_ns = (max(ends, default=start_ns) + start_ns) / 2
+    return round((cut_ns - log_start_ns) / NS_PER_S, 2)
+
+
+def _cut_session(setup: Setup, session: str, starts: set[int]) -> list[ShiftStart]:
     """Return the placements of a session, starts in ns, before which a shift is tested."""
     if len(starts) < MIN_SHIFT_PLACEMENTS:
         return []
     order = sorted(starts)
     cuts = [int(share * len(order)) for share in SHIFT_CUT_SHARES]
-    return [ShiftStart(session, order[i], i + 1) for i in cuts]
+    return [
+        ShiftStart(session, order[i], i + 1, find_cut_time_s(setup, session, order[i]))
+        for i in cuts
+    ]

@@ -12,10 +12,13 @@ from calib.estimation.corrections.number_wording import format_twist_sigma
 from calib.estimation.corrections.slips_and_bumps import (
     MIN_SHIFT_PLACEMENTS,
     ROBOT_KNOCK,
+    SPLIT_REMEDY,
     ShiftStart,
+    find_cut_time_s,
 )
 from calib.estimation.estimation_problem import MeasurementGroup, Setup
 from calib.geometry.se3 import adjoint, invert_pose
+from calib.io.config_change import ConfigChange
 
 MIN_RESTS_ASIDE = 2  # before and after a knock
 MAX_KNOCK_CUTS = 12  # rests of a session before which a knock is tested, evenly spaced
@@ -50,10 +53,16 @@ class KnockedMarkersCorrection(TestableCorrection):
 
     @property
     def remedy(self) -> str:
+        check = "check whether the robot's markers were knocked then"
+        if self.start.cut_s is None:
+            return f"{check}; {SPLIT_REMEDY}, the later one with remounted: true"
         return (
-            "check whether the robot's markers were knocked then; calibrate what comes before and "
-            "after as sessions of their own (from_s, to_s), the later one with remounted: true"
+            f"{check}; if so, set {self.start.describe_change('remounted_at_s')}, and where they "
+            "sit since is estimated"
         )
+
+    def config_change(self, values: np.ndarray) -> ConfigChange | None:
+        return self.start.change("remounted_at_s")
 
 
 def make_knock_corrections(setup: Setup) -> Iterator[TestableCorrection]:
@@ -61,7 +70,8 @@ def make_knock_corrections(setup: Setup) -> Iterator[TestableCorrection]:
     for session in sorted({p.session for p in setup.placements}):
         starts = _rest_starts(setup, session)
         for i in _cut_positions(len(starts)):
-            yield KnockedMarkersCorrection(session, ShiftStart(session, starts[i], i + 1))
+            cut_s = find_cut_time_s(setup, session, starts[i])
+            yield KnockedMarkersCorrection(session, ShiftStart(session, starts[i], i + 1, cut_s))
 
 
 def _rest_starts(setup: Setup, session: str) -> list[int]:
