@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.extraction.mistakes.mistake_search import find_mistake
+from calib.extraction.mistakes.mistake_search import find_mistake, find_other_pattern
 from calib.extraction.mistakes.sightings import CameraSightings, LidarSightings, Sightings
 from calib.extraction.mistakes.stated_setup import StatedSetup
 from calib.geometry.se3 import mean_pose
@@ -43,9 +43,12 @@ def explain_lost_agreement(
     """
     options = session.options
     mounts = mounts_from_guess(options["targets"], guess_json)
-    targets = {n: target_from_config(options["targets"][n]) for n in target_names if n in mounts}
+    targets = {n: target_from_config(options["targets"][n]) for n in target_names}
     if options["sensor"]["kind"] == "camera":
         targets = {name: target for name, target in targets.items() if target.pattern}
+        if not set(targets) & set(mounts):
+            return _find_other_pattern(session, targets, guess_json)
+    targets = {name: target for name, target in targets.items() if name in mounts}
     bodies = {name: np.eye(4) for name in targets}
     samples, read_frame = session.sample_frames(options["name"], options["sensor"], bodies)
     if not samples:
@@ -56,6 +59,20 @@ def explain_lost_agreement(
         stated, samples, read_frame, options["guess"]
     )
     return find_mistake(stated, sightings, options["guess"]["min_placements"])
+
+
+def _find_other_pattern(
+    session: SessionSearch, targets: dict[str, TargetShape], guess_json: Mapping[str, Any]
+) -> Status | None:
+    """Return a status on the pattern that the images show, of targets whose mount is unknown."""
+    options = session.options
+    unmounted = {name: np.eye(4) for name in targets}
+    samples, read_frame = session.sample_frames(options["name"], options["sensor"], unmounted)
+    if not samples:
+        return None
+    stated = _state_setup(options, targets, unmounted, guess_json, samples)
+    stated, _ = _read_camera(stated, samples, read_frame, options["guess"])
+    return find_other_pattern(stated) if stated.images else None
 
 
 def _state_setup(

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib.extraction.mistakes.mistake_registry import MISTAKES
+from calib.extraction.mistakes.pattern_size import correct_pattern_size, describe_other_markers
 from calib.extraction.mistakes.pose_corrections import describe_pose, written_pose
 from calib.extraction.mistakes.sightings import Consensus, Sightings
 from calib.extraction.mistakes.stated_setup import ConfigCorrection, StatedSetup
@@ -33,9 +34,9 @@ class Explanation(NamedTuple):
 def find_mistake(stated: StatedSetup, sightings: Sightings, min_placements: int) -> Status | None:
     """Return a status that names the mistake that explains what the sensor saw.
 
-    None if the setup as stated explains it, or no mistake does. A setup explains it if at least
-    min_placements, and the share `min_share` of those with a detection, agree on one pose, which is
-    the stated one (MAX_GUESS_DEVIATION).
+    None if the setup as stated explains it, or no mistake does and no other markers are seen. A
+    setup explains it if at least min_placements, and the share `min_share` of those with a
+    detection, agree on one pose, which is the stated one (MAX_GUESS_DEVIATION).
     """
     as_stated = _explain(ConfigCorrection(stated, "", ""), sightings, min_placements)
     if as_stated:
@@ -45,7 +46,25 @@ def find_mistake(stated: StatedSetup, sightings: Sightings, min_placements: int)
     best = choose_explanation([e for e in found if e is not None])
     if best is None:
         best = _explain_by_found_pose(stated, sightings, min_placements)
-    return None if best is None else _describe_explanation(best, sightings)
+    if best is None:
+        return describe_other_markers(stated)
+    return _describe_explanation(best, sightings)
+
+
+def find_other_pattern(stated: StatedSetup) -> Status | None:
+    """Return a status that names the pattern that the images show in place of a stated one.
+
+    For targets whose mount is unknown: without it no pose can confirm a correction.
+    """
+    for correction in correct_pattern_size(stated):
+        return failure_status(
+            correction.reason,
+            f"that pattern in {len(stated.images)} images",
+            "the pattern as the config states it",
+            correction.remedy,
+            correction.change,
+        )
+    return describe_other_markers(stated)
 
 
 def _explain(

@@ -57,6 +57,11 @@ class Charuco:
         return f"{MIN_PLANE_CELLS} or more of {len(self._cells)} inner corners"
 
     @property
+    def n_markers(self) -> int:
+        """Return the number of markers: one in every white square."""
+        return self.n_squares[0] * self.n_squares[1] // 2
+
+    @property
     def outline(self) -> np.ndarray:
         half = self.square_m * np.array(self.n_squares) / 2
         return half * [[1, 1], [-1, 1], [-1, -1], [1, -1]]

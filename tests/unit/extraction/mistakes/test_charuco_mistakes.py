@@ -1,12 +1,13 @@
 """A ChArUco board with other squares, another dictionary or layout than the config states."""
 
+import re
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
-from calib.extraction.mistakes.mistake_search import find_mistake
+from calib.extraction.mistakes.mistake_search import find_mistake, find_other_pattern
 from calib.extraction.mistakes.sightings import CameraSightings
 from calib.extraction.mistakes.stated_setup import StatedSetup
 from calib.geometry.se3 import invert_pose, transform_points
@@ -68,6 +69,8 @@ def test_a_right_charuco_board_has_no_mistake(seen):
     [
         ({"n_squares": (5, 7)}, "Set pattern.squares of plate to [7, 5]."),
         ({"n_squares": (8, 6)}, "Set pattern.squares of plate to [7, 5]."),
+        ({"n_squares": (14, 11)}, "Set pattern.squares of plate to [7, 5]."),
+        ({"dictionary": "DICT_APRILTAG_36H11"}, "pattern.dictionary of plate to DICT_4X4_1000."),
         ({"dictionary": "DICT_5X5_100"}, "Set pattern.dictionary of plate to DICT_4X4_1000."),
         ({"dictionary": "DICT_6X6_250", "n_squares": (7, 6)}, "to DICT_4X4_1000."),
     ],
@@ -85,3 +88,26 @@ def test_a_charuco_board_in_mirrored_images_is_told_from_other_markers(seen):
     flipped = tuple(np.ascontiguousarray(image[:, ::-1]) for image in stated.images)
     status = find_mistake(replace(stated, images=flipped), sightings, 3)
     assert status.reason == "the images of rear are mirrored left to right"
+
+
+def test_markers_that_no_board_explains_are_counted_beside_those_expected(seen):
+    """Half of the board is covered, so that no number of squares shows all of its corners."""
+    stated, sightings = seen
+    covered = tuple(image.copy() for image in stated.images)
+    for image in covered:
+        image[: image.shape[0] // 2] = 128
+    wrong = {"plate": make_board(replace(PATTERN, n_squares=(4, 3)))}
+    status = find_mistake(replace(stated, images=covered, targets=wrong), sightings, 3)
+    assert status.reason.startswith("the images of rear show markers that the ChArUco board")
+    assert re.fullmatch(r"\d+ markers of DICT_4X4_50, with ids up to 16", status.found)
+    assert status.expected == "markers of DICT_4X4_50 with ids 0 to 5, of squares [4, 3]"
+    assert "A board with 17 markers has 34 or 35 squares" in status.remedy
+
+
+def test_a_board_of_unknown_mount_is_compared_with_the_images_alone(seen):
+    stated, _ = seen
+    assert find_other_pattern(stated) is None
+    wrong = {"plate": make_board(replace(PATTERN, n_squares=(9, 12)))}
+    status = find_other_pattern(replace(stated, targets=wrong))
+    assert "with squares [7, 5], the config states squares [9, 12]" in status.reason
+    assert status.remedy == "Set pattern.squares of plate to [7, 5]."
