@@ -1,8 +1,8 @@
 """Draw a board target of the config at true size, as a PDF to be printed at 100 %.
 
-The page shows the checkerboard, the outline as a line to cut along, places for markers with their
-coordinates in the target frame, the directions of x and y, and two bars to check the printer's
-scale. `--page custom` makes the page as large as the board needs; `--turn-deg 45` lays a diamond
+The page shows the checkerboard or ChArUco board, the outline as a line to cut along, places for
+markers with their coordinates in the target frame, the directions of x and y, and two bars to check
+the printer's scale. `--page custom` makes the page as large as the board needs; `--turn-deg 45` lays a diamond
 flat.
 """
 

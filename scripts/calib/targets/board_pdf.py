@@ -15,8 +15,6 @@ from calib.geometry.polygon import signed_polygon_distance
 from calib.geometry.units import MM_PER_M
 from calib.io.status import InputError
 from calib.targets.board import Board
-from calib.targets.patterns.checkerboard import Checkerboard
-from calib.targets.patterns.image_region import make_grid_cells
 
 PAGE_SIZES_MM = {"a3": (297, 420), "a2": (420, 594), "a1": (594, 841), "a0": (841, 1189)}  # upright
 SHEET_MARGIN_MM = 12  # around the outline
@@ -53,7 +51,7 @@ class BoardSheet:
 def lay_out_sheet(board: Board, name: str, page: str, turn_deg: float) -> BoardSheet:
     """Lay a board out on a page of PAGE_SIZES_MM, or on one as large as it needs ("custom").
 
-    Raises InputError if the board does not fit or its pattern cannot be drawn.
+    Raises InputError if the board does not fit or is smaller than its pattern.
     """
     turn = np.radians(turn_deg)
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -63,6 +61,7 @@ def lay_out_sheet(board: Board, name: str, page: str, turn_deg: float) -> BoardS
     size = _choose_page_size(required, page)
     shift = (size - required) / 2 + [SHEET_MARGIN_MM, SHEET_MARGIN_MM + TEXT_STRIP_MM] - low
     squares, markers = make_black_squares(board), suggest_marker_positions(board)
+    description = board.pattern.print_description if board.pattern else "no pattern"
 
     def to_page(points: np.ndarray) -> np.ndarray:
         return points @ R.T + shift
@@ -75,7 +74,7 @@ def lay_out_sheet(board: Board, name: str, page: str, turn_deg: float) -> BoardS
         marker_coordinates=markers,
         strokes=to_page(make_axis_strokes(board)),
         turn_deg=turn_deg,
-        description=f"{name}: {_describe_pattern(board)}. Print at 100 %; "
+        description=f"{name}: {description}. Print at 100 %; "
         f"both bars must measure {SCALE_BAR_MM} mm.",
     )
 
@@ -95,26 +94,6 @@ def _choose_page_size(required: np.ndarray, page: str) -> np.ndarray:
     )
 
 
-def _checkerboard(board: Board) -> Checkerboard | None:
-    """Return the board's pattern, None without one; raises InputError if it is no checkerboard."""
-    if board.pattern is None or isinstance(board.pattern, Checkerboard):
-        return board.pattern
-    raise InputError(
-        f"pattern: a {board.pattern.name} cannot be drawn; expected a checkerboard or no pattern. "
-        "Print the board with the tool that generated its markers."
-    )
-
-
-def _describe_pattern(board: Board) -> str:
-    pattern = _checkerboard(board)
-    if pattern is None:
-        return "no pattern"
-    return (
-        f"{pattern.n_columns} × {pattern.n_rows} inner corners along x × y, "
-        f"squares of {MM_PER_M * pattern.square_m:g} mm"
-    )
-
-
 def find_pattern_box(board: Board) -> np.ndarray | None:
     """Return the low and high corner (2, 2), mm, target frame, of the pattern, or None."""
     if board.pattern is None:
@@ -124,19 +103,15 @@ def find_pattern_box(board: Board) -> np.ndarray | None:
 
 
 def make_black_squares(board: Board) -> np.ndarray:
-    """Return the black squares (n, 4, 2), mm, target frame.
+    """Return the black areas (n, 4, 2), mm, target frame.
 
     Raises InputError if they do not lie within the outline.
     """
-    pattern = _checkerboard(board)
-    if pattern is None:
+    if board.pattern is None:
         return np.zeros((0, 4, 2))
-    first_black = 1 if pattern.first_square_color == "white" else 0
-    cells = make_grid_cells(pattern.n_columns + 1, pattern.n_rows + 1).reshape(-1, 2)
-    cells = cells[cells.sum(1) % 2 == first_black]
-    corner = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    low = MM_PER_M * pattern.outline.min(0)
-    squares = low + MM_PER_M * pattern.square_m * (cells[:, None] + corner)
+    low, high = MM_PER_M * np.moveaxis(board.pattern.black_rectangles(), 1, 0)
+    is_high = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    squares = low[:, None] + is_high * (high - low)[:, None]
     if signed_polygon_distance(MM_PER_M * board.vertices, squares.reshape(-1, 2)).max() > 1e-6:
         raise InputError(
             "the pattern is larger than the outline. Check first_corner_m, square_m and outline_m."

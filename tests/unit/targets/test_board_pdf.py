@@ -164,8 +164,34 @@ def test_the_same_target_gives_the_same_bytes_and_the_example_in_docs(tmp_path):
     assert made[0] == made[1] == (ROOT / "docs" / "board.pdf").read_bytes()
 
 
-def test_a_pattern_that_is_no_checkerboard_is_refused_in_words():
-    charuco = {"kind": "charuco", "squares": [5, 7], "square_m": 0.04, "marker_m": 0.03}
-    block = {"body": "b", "shape": "board", "pattern": charuco | {"dictionary": "DICT_4X4_50"}}
-    with pytest.raises(InputError, match="a ChArUco board cannot be drawn; expected a checkerboa"):
-        laid_out(block)
+CHARUCO = {"kind": "charuco", "squares": [5, 7], "square_m": 0.04, "marker_m": 0.03}
+
+
+@pytest.mark.parametrize("more", [{}, {"squares": [6, 8], "legacy": True}])
+def test_a_charuco_board_is_drawn_as_opencv_finds_it(more):
+    """Squares of 40 mm at 4 px per mm: all inner corners, within 1 px, with their numbers."""
+    pattern = CHARUCO | {"dictionary": "DICT_5X5_100"} | more
+    block = validate_and_complete(
+        "target", {"body": "b", "shape": "board", "pattern": pattern}, "x"
+    )
+    made = target_from_config(block)
+    low, high = made.vertices.min(0) - 0.01, made.vertices.max(0) + 0.01
+    image = np.full(np.ceil(4e3 * (high - low)).astype(int)[::-1], 255, np.uint8)
+
+    def to_pixels(mm):
+        return np.column_stack([mm[:, 0] - 1e3 * low[0], 1e3 * high[1] - mm[:, 1]]) * 4
+
+    for square in make_black_squares(made):
+        (u0, v0), (u1, v1) = np.round([to_pixels(square).min(0), to_pixels(square).max(0)])
+        image[int(v0) : int(v1), int(u0) : int(u1)] = 0
+    found = made.pattern.detect_corners_fast(image)
+    expected = to_pixels(1e3 * made.pattern.corners()) - 0.5
+    np.testing.assert_allclose(found, expected, atol=1)
+
+
+def test_the_sheet_of_a_charuco_board_says_what_is_printed(tmp_path):
+    content = {"body": "b", "shape": "board", "pattern": CHARUCO | {"dictionary": "DICT_4X4_50"}}
+    board.main([str(written(tmp_path, content)), str(tmp_path / "out.pdf")])
+    assert page_mm((tmp_path / "out.pdf").read_bytes()) == pytest.approx([224, 328], abs=0.02)
+    said = "5 × 7 squares of 40 mm along x × y, markers of 30 mm, DICT_4X4_50"
+    assert said in laid_out(content).description

@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from calib.geometry.units import MM_PER_M
 from calib.io.status import OK, Status, failure_status
 from calib.targets.patterns.asymmetric_edges import fix_asymmetric_edges
 from calib.targets.patterns.checkerboard import is_clear_corner, select_detected_corners
@@ -65,6 +66,38 @@ class Charuco:
     def outline(self) -> np.ndarray:
         half = self.square_m * np.array(self.n_squares) / 2
         return half * [[1, 1], [-1, 1], [-1, -1], [1, -1]]
+
+    @property
+    def print_description(self) -> str:
+        square_mm, marker_mm = (f"{MM_PER_M * m:g} mm" for m in (self.square_m, self.marker_m))
+        return (
+            f"ChArUco board, {self.n_squares[0]} × {self.n_squares[1]} squares of {square_mm} "
+            f"along x × y, markers of {marker_mm}, {self.dictionary}"
+        )
+
+    def black_rectangles(self) -> np.ndarray:
+        """See TargetPattern: black squares, and the black cells of markers, joined along x."""
+        low = self.square_m * (
+            make_grid_cells(*self.n_squares).reshape(-1, 2) - np.array(self.n_squares) / 2
+        )
+        margin = (self.square_m - self.marker_m) / 2
+        is_black = self.darkness(low + margin / 2)[:, 0] > 0.5
+        squares = np.stack([low, low + self.square_m], axis=1)[is_black]
+        markers = [self._marker_rectangles(corner) for corner in low[~is_black] + margin]
+        return np.concatenate([squares, *markers])
+
+    def _marker_rectangles(self, corner: np.ndarray) -> np.ndarray:
+        """Return the black runs (n, 2, 2) of the marker whose low corner (2,) is given."""
+        n_cells = self._board.getDictionary().markerSize + 2  # with its border
+        side = self.marker_m / n_cells
+        centres = corner + side * (make_grid_cells(n_cells, n_cells) + 0.5)
+        is_black = self.darkness(centres.reshape(-1, 2)).reshape(n_cells, n_cells) > 0.5
+        out = []
+        for row, line in enumerate(is_black):
+            edges = np.flatnonzero(np.diff(np.pad(line.astype(int), 1)))
+            for first, last in edges.reshape(-1, 2):
+                out.append(corner + side * np.array([[first, row], [last, row + 1]]))
+        return np.array(out)
 
     @property
     def _cells(self) -> np.ndarray:

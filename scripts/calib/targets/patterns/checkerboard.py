@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.geometry.units import MM_PER_M
 from calib.io.status import OK, Status, failure_status
 from calib.targets.patterns.asymmetric_edges import fix_asymmetric_edges
 from calib.targets.patterns.detected_corners import DetectedCorners
@@ -73,6 +74,20 @@ class Checkerboard:
         low = np.array(self.first_corner) - self.square_m
         high = low + self.square_m * np.array([self.n_columns + 1, self.n_rows + 1])
         return np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
+
+    @property
+    def print_description(self) -> str:
+        return (
+            f"{self.n_columns} × {self.n_rows} inner corners along x × y, "
+            f"squares of {MM_PER_M * self.square_m:g} mm"
+        )
+
+    def black_rectangles(self) -> np.ndarray:
+        """See TargetPattern. The square at the low end is black unless stated otherwise."""
+        cells = make_grid_cells(self.n_columns + 1, self.n_rows + 1).reshape(-1, 2)
+        first_black = 1 if self.first_square_color == "white" else 0
+        low = self.outline[0] + self.square_m * cells[cells.sum(1) % 2 == first_black]
+        return np.stack([low, low + self.square_m], axis=1)
 
     def corners(self) -> np.ndarray:
         """Return all corners (n_columns·n_rows, 3); x runs fastest."""

@@ -42,6 +42,13 @@ class TargetPattern(Protocol):
     def outline(self) -> np.ndarray:
         """Corners (4, 2) of the area that the squares fill."""
 
+    @property
+    def print_description(self) -> str:
+        """What is printed, with sizes, in words."""
+
+    def black_rectangles(self) -> np.ndarray:
+        """Return the black areas (n, 2, 2) of the print: low and high corner of rectangles."""
+
     def corners(self) -> np.ndarray:
         """Return all corners (n, 3)."""
 
