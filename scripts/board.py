@@ -2,8 +2,8 @@
 
 The page shows the checkerboard or ChArUco board, the outline as a line to cut along, places for
 markers with their coordinates in the target frame, the directions of x and y, and two bars to check
-the printer's scale. `--page custom` makes the page as large as the board needs; `--turn-deg 45` lays
-a diamond flat.
+the printer's scale. `--page custom` makes the page as large as the board needs; `--turn-deg 45`
+lays a diamond flat.
 """
 
 import argparse
