@@ -29,6 +29,7 @@ from calib.io.atomic_files import write_file
 from calib.sensors.lidar.lidar_model import LidarModel
 
 LIDARS_ALONE = ", lidars alone"
+LIMITS = {"max_rounds": 30, "tolerance_m": 1e-6, "tolerance_rad": 1e-6}  # a hundredth of σ
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,7 @@ def read_halved_rig(folder: Path, solve_arguments: Sequence[str]) -> tuple[Halve
         setup, start, _ = solve.build_rig_setup(args, args.options)
     finally:
         os.chdir(here)
-    block = args.options["solve"]
+    block = args.options["solve"] | LIMITS
     rig = HalvedRig(setup, start, block["estimate"], iteration_limits(setup, block))
     return rig, args.options["rig"]
 
@@ -154,13 +155,20 @@ def draw_halving(rig: HalvedRig, seed: int) -> list[SplitHalfDraw]:
     halves = estimate_halves(rig.setup, rig.start, rig.wanted, seed=seed, **rig.limits)
     if halves is None:
         return []
-    whole = select_confirmed_corrections(rig.setup, rig.start, rig.wanted, halves, **rig.limits)[:2]
-    requested = with_requested_corrections(rig.setup, rig.wanted)
-    added = choice_covariance(requested, whole, halves, **rig.limits)
+    added = _added_by_choice(rig, halves)
     out = []
-    for i, sensor in enumerate(sorted(whole[0].models)):
+    for i, sensor in enumerate(sorted(rig.setup.models)):
         out += _compare(halves, sensor, added[6 * i : 6 * i + 6, 6 * i : 6 * i + 6])
     return out
+
+
+def _added_by_choice(rig: HalvedRig, halves: tuple[HalfEstimate, HalfEstimate]) -> np.ndarray:
+    """Return the covariance that the choice of corrections adds; all placements tell it."""
+    if halves[0].adopted == halves[1].adopted:
+        return np.zeros((6 * len(rig.setup.models),) * 2)
+    whole = select_confirmed_corrections(rig.setup, rig.start, rig.wanted, halves, **rig.limits)[:2]
+    requested = with_requested_corrections(rig.setup, rig.wanted)
+    return choice_covariance(requested, whole, halves, **rig.limits)
 
 
 def _compare(

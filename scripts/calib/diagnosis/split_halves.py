@@ -27,6 +27,8 @@ from calib.geometry.se3 import invert_pose, se3_log
 
 MIN_HALF_PLACEMENTS = 4  # of a sensor in each half: with fewer, it is not compared
 SEED = 7
+# Halves are compared to a hundredth of their σ: their estimates end earlier than the result's.
+MAX_HALF_ROUNDS, MIN_HALF_TOLERANCE = 30, 1e-6  # m, rad
 
 Rest = list[int]  # placements of one rest of the robot, by index
 
@@ -70,13 +72,19 @@ def estimate_halves(
     None if no sensor sees MIN_HALF_PLACEMENTS placements of both. Moving views are left out.
     estimate_options: solve.estimate of the config; limits: of estimate_poses.
     """
-    halves = split_placements(setup, seed)
+    halves, limits = split_placements(setup, seed), _limits_of_halves(limits)
     if not sensors_in_halves(setup, halves):
         return None
     first, second = (
         _estimate_half(setup, T_robot_sensor, estimate_options, h, limits) for h in halves
     )
     return first, second
+
+
+def _limits_of_halves(limits: dict[str, Any]) -> dict[str, Any]:
+    """Return the limits of estimate_poses for halves; limits: those for all placements."""
+    tolerances = {k: max(limits[k], MIN_HALF_TOLERANCE) for k in ("tolerance_m", "tolerance_rad")}
+    return limits | tolerances | {"max_rounds": min(limits["max_rounds"], MAX_HALF_ROUNDS)}
 
 
 def split_placements(setup: Setup, seed: int = SEED) -> tuple[list[int], list[int]]:

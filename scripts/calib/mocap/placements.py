@@ -21,27 +21,49 @@ DISTANCE_QUANTILE = 0.9  # of a target's distances from the robot, its lever arm
 
 
 def average_still_pose(
-    trajectory: Trajectory, interval_ns: Sequence[int] | np.ndarray, pose_sigma: np.ndarray
+    trajectory: Trajectory,
+    interval_ns: Sequence[int] | np.ndarray,
+    pose_sigma: np.ndarray,
+    slow_noise: dict[str, RestNoise | None] | None = None,
 ) -> dict[str, Any]:
     """Return the mean pose over a still interval and its covariance, as columns.
 
-    interval_ns: start and end; pose_sigma: (6,) σ of one MCS pose, m and rad.
+    interval_ns: start and end; pose_sigma: (6,) σ of one MCS pose, m and rad; slow_noise: of the
+    poses of `robot` and `body`, where it is used. What scatters by it is no white noise.
     """
     rows = (trajectory.stamps_ns >= interval_ns[0]) & (trajectory.stamps_ns <= interval_ns[1])
     mean, xi = mean_pose(trajectory.poses[rows])
-    prior = single_pose_covariance(mean, pose_sigma)
-    scatter = max(1.0, np.sqrt(np.mean(np.sum(xi * np.linalg.solve(prior, xi.T).T, 1)) / 6))
-    independent = count_effective_samples(xi)
-    factor = scatter / np.sqrt(independent)
+    known = [n for n in (slow_noise or {}).values() if n is not None and n.slow.any()]
+    duration_s = float(interval_ns[1] - interval_ns[0]) / NS_PER_S
+    expected = pose_sigma_at_rest(pose_sigma, known, duration_s)
+    scale = single_pose_covariance(mean, expected)
+    scatter = max(1.0, np.sqrt(np.mean(np.sum(xi * np.linalg.solve(scale, xi.T).T, 1)) / 6))
+    independent = float(rows.sum()) if known else count_effective_samples(xi)
+    white = [np.maximum(1.0, n.white / pose_sigma) for n in known]
+    factor = scatter * float(np.sqrt(np.mean(np.square(white or [1.0])) / independent))
     return {
         "xyz": mean[:3, 3],
         "quat": pose_to_quat(mean),
         "samples": int(rows.sum()),
         "effective_samples": independent,
         "mean_pose_sigma_factor": factor,
-        "covariance": (factor**2 * prior).reshape(-1),
+        "covariance": (factor**2 * single_pose_covariance(mean, pose_sigma)).reshape(-1),
         "residual_drift": fit_residual_drift(trajectory.stamps_ns[rows], xi),
     }
+
+
+def pose_sigma_at_rest(
+    pose_sigma: np.ndarray, noises: Sequence[RestNoise], duration_s: float
+) -> np.ndarray:
+    """Return the σ (6,) by which poses scatter about the mean of a rest.
+
+    noises: measured ones, the largest counts.
+    """
+    measured = [
+        np.sqrt(n.white**2 + np.maximum(n.slow**2 - n.slow_mean_sigma(duration_s) ** 2, 0.0))
+        for n in noises
+    ]
+    return np.asarray(np.max([pose_sigma, *measured], axis=0))
 
 
 def single_pose_covariance(T_robot_body: np.ndarray, sigma: np.ndarray) -> np.ndarray:
@@ -108,7 +130,9 @@ def find_target_placements(
     """
     still = find_still_intervals(trajectory, limits)
     moving = find_moving_intervals(still, trajectory.stamps_ns)
-    placements = [("still", s, average_still_pose(trajectory, s, pose_sigma)) for s in still]
+    placements = [
+        ("still", s, average_still_pose(trajectory, s, pose_sigma, slow_noise)) for s in still
+    ]
     placements += [("moving", s, middle_moving_pose(trajectory, s)) for s in moving]
     rows = [
         {"target": target, "kind": kind, "start_ns": interval[0], "end_ns": interval[1]}
