@@ -112,15 +112,16 @@ def measure_placements(
     out = {k: v.copy() for k, v in columns.items()}
     for target, body in options["targets"].items():
         relative = relative_trajectory(robot, trajectory_from_columns(mocap, body, gap_s))
+        slow_noise = {"robot": used.get(robot_body), "body": used.get(body)}
         for i in np.flatnonzero(columns["target"] == target):
             span = np.array([columns["start_ns"][i], columns["end_ns"][i]])
             duration_s = (span[1] - span[0]) / NS_PER_S
             if columns["kind"][i] == "still":
-                row = average_still_pose(relative, span, sigma)
+                row = average_still_pose(relative, span, sigma, slow_noise)
             else:
                 row = middle_moving_pose(relative, span)
-            row |= slow_noise_columns(used.get(robot_body), "robot", duration_s)
-            row |= slow_noise_columns(used.get(body), "body", duration_s)
+            for part, found in slow_noise.items():
+                row |= slow_noise_columns(found, part, duration_s)
             for key, value in row.items():
                 out[key][i] = value
     lines = [describe_rest_noise(name, n, settings) for name, n in noise.items()]

@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.geometry.se3 import make_pose, se3_exp
+from calib.geometry.se3 import (
+    adjoint,
+    invert_pose,
+    make_pose,
+    pose_from_xyz_quat,
+    se3_exp,
+    se3_log,
+)
 from calib.geometry.units import NS_PER_S
 from calib.mocap.body_trajectory import Trajectory, longest_gap_ns, relative_trajectory
 from calib.mocap.placements import find_target_placements, raise_limits_by_noise
@@ -16,6 +23,7 @@ from simulation.sensors.mocap_errors import draw_gauss_markov
 LIMITS = StillnessLimits(0.3, 0.01, np.radians(0.75), 0.1, 0.3, 0.5)
 WANDER = np.append(np.full(3, 0.000145), np.radians([0.019, 0.070, 0.020]))  # a Qualisys room
 WHITE = np.repeat([0.00005, np.radians(0.005)], 3)
+PRIOR = np.repeat([0.0002, np.radians(0.02)], 3)  # mocap.pose_sigma
 N_RESTS, PERIOD_S = 8, 1.8
 
 
@@ -47,7 +55,7 @@ def placements_of(robot, body, limits=LIMITS):
         for name, trajectory in (("robot", robot), ("body", body))
     }
     raised = raise_limits_by_noise(limits, relative, noise)
-    rows = find_target_placements("board", relative, raised, np.full(6, 1e-4), noise)
+    rows = find_target_placements("board", relative, raised, PRIOR, noise)
     return raised, [r for r in rows if r["kind"] == "still"]
 
 
@@ -81,6 +89,27 @@ def test_rests_of_a_second_are_found_at_5_hz_wherever_their_poses_fall(late_s):
     assert len(spans) >= N_RESTS - 1
     start_s, end_s = (spans / NS_PER_S % PERIOD_S).T
     assert (end_s < 1.1).all() and ((start_s < 1.1) | (start_s > 1.7)).all()
+
+
+def test_the_sigma_of_mean_poses_is_true_and_counts_slow_noise_once():
+    """NEES over 6 directions of the mean poses, on average over 6 sessions of 8 rests."""
+    nees = []
+    for seed in range(6):
+        robot = body_that_rests(seed, distance_m=0.0, step_m=0.0)
+        for i, row in enumerate(
+            placements_of(robot, body_that_rests(50 + seed, distance_m=2.5))[1]
+        ):
+            T_true = make_pose(np.eye(3), [2.5, 0.2 * i, 0.0])
+            T = pose_from_xyz_quat(row["xyz"], row["quat"])
+            white = row["mean_pose_sigma_factor"] * PRIOR
+            robot_sigma, body_sigma = (
+                np.hypot(white, row[f"{name}_slow_sigma"]) for name in ("robot", "body")
+            )
+            A = adjoint(invert_pose(T))
+            covariance = np.diag(body_sigma**2) + A @ np.diag(robot_sigma**2) @ A.T
+            error = se3_log(invert_pose(T_true) @ T)
+            nees.append(error @ np.linalg.solve(covariance, error) / 6)
+    assert 0.75 < np.mean(nees) < 1.4
 
 
 def test_without_noise_the_limits_of_the_config_hold():
