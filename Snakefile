@@ -69,12 +69,15 @@ rule decode:
         "results/{rig}/{session}/decode.log",
     conda:
         "workflow/envs/calib.yaml"
+    resources:
+        mem_mb=MAX_JOB_MEMORY_MB,
     params:
         options=decode_options,
     message:
         "decode {wildcards.rig}/{wildcards.session}"
     shell:
-        "python {input.code[0]:q} --mocap {output.mocap:q} --frames {output.frames:q}"
+        "limit_memory {resources.mem_mb};"
+        " python {input.code[0]:q} --mocap {output.mocap:q} --frames {output.frames:q}"
         " --audit {output.audit:q} --options {params.options:q} 2> {log:q}"
 
 
@@ -90,12 +93,15 @@ rule gate:
         "results/{rig}/{session}/gate.log",
     conda:
         "workflow/envs/calib.yaml"
+    resources:
+        mem_mb=MAX_JOB_MEMORY_MB,
     params:
         options=gate_options,
     message:
         "gate {wildcards.rig}/{wildcards.session}"
     shell:
-        "python {input.code[0]:q} --mocap {input.mocap:q} --audit {input.audit:q}"
+        "limit_memory {resources.mem_mb};"
+        " python {input.code[0]:q} --mocap {input.mocap:q} --audit {input.audit:q}"
         " --output {output:q} --options {params.options:q} 2> {log:q}"
 
 
@@ -114,12 +120,15 @@ rule preflight_rig:
         "results/{rig}/preflight.log",
     conda:
         "workflow/envs/calib.yaml"
+    resources:
+        mem_mb=MAX_JOB_MEMORY_MB,
     params:
         options=preflight_options,
     message:
         "preflight_rig {wildcards.rig}"
     shell:
-        "python {input.code[0]:q} --audits {input.audits:q} --mocap {input.mocap:q}"
+        "limit_memory {resources.mem_mb};"
+        " python {input.code[0]:q} --audits {input.audits:q} --mocap {input.mocap:q}"
         " --frames {input.frames:q} --placements {input.placements:q}"
         " --json {output.json:q} --text {output.text:q}"
         " --options {params.options:q} 2> {log:q}"
@@ -142,12 +151,15 @@ rule guess:
         "results/{rig}/{session}/{sensor}/guess.log",
     conda:
         "workflow/envs/calib.yaml"
+    resources:
+        mem_mb=MAX_JOB_MEMORY_MB,
     params:
         options=guess_options,
     message:
         "guess {wildcards.rig}/{wildcards.session}/{wildcards.sensor}"
     shell:
-        "python {input.code[0]:q} --audit {input.audit:q} --mocap {input.mocap:q}"
+        "limit_memory {resources.mem_mb};"
+        " python {input.code[0]:q} --audit {input.audit:q} --mocap {input.mocap:q}"
         " --placements {input.placements:q} --frames {input.frames:q} --output {output:q}"
         " --options {params.options:q} 2> {log:q}"
 
@@ -169,12 +181,15 @@ rule crop:
         "results/{rig}/{session}/{sensor}/crop.log",
     conda:
         "workflow/envs/calib.yaml"
+    resources:
+        mem_mb=MAX_JOB_MEMORY_MB,
     params:
         options=crop_options,
     message:
         "crop {wildcards.rig}/{wildcards.session}/{wildcards.sensor}"
     shell:
-        "python {input.code[0]:q} --placements {input.placements:q} --mocap {input.mocap:q}"
+        "limit_memory {resources.mem_mb};"
+        " python {input.code[0]:q} --placements {input.placements:q} --mocap {input.mocap:q}"
         " --frames {input.frames:q} --guess {input.guess:q} --audit {input.audit:q}"
         " --output {output.views:q} --moving-views {output.moving_views:q}"
         " --options {params.options:q} 2> {log:q}"
@@ -199,12 +214,15 @@ rule extract:
         "results/{rig}/{session}/{sensor}/extract.log",
     conda:
         "workflow/envs/calib.yaml"
+    resources:
+        mem_mb=MAX_JOB_MEMORY_MB,
     params:
         options=extract_options,
     message:
         "extract {wildcards.rig}/{wildcards.session}/{wildcards.sensor}"
     shell:
-        "python {input.code[0]:q} --views {input.views:q} --moving-views {input.moving_views:q}"
+        "limit_memory {resources.mem_mb};"
+        " python {input.code[0]:q} --views {input.views:q} --moving-views {input.moving_views:q}"
         " --placements {input.placements:q} --mocap {input.mocap:q} --guess {input.guess:q}"
         " --frames {input.frames:q} --audit {input.audit:q}"
         " --output {output.keypoints:q} --moving-keypoints {output.moving_keypoints:q}"
@@ -223,12 +241,15 @@ rule associate:
         "results/{rig}/{session}/associate.log",
     conda:
         "workflow/envs/calib.yaml"
+    resources:
+        mem_mb=MAX_JOB_MEMORY_MB,
     params:
         options=associate_options,
     message:
         "associate {wildcards.rig}/{wildcards.session}"
     shell:
-        "python {input.code[0]:q} --keypoints {input.keypoints:q}"
+        "limit_memory {resources.mem_mb};"
+        " python {input.code[0]:q} --keypoints {input.keypoints:q}"
         " --placements {input.placements:q} --output {output:q}"
         " --options {params.options:q} 2> {log:q}"
 
@@ -251,12 +272,15 @@ rule solve:
         "results/{rig}/solve.log",
     conda:
         "workflow/envs/calib.yaml"
+    resources:
+        mem_mb=MAX_JOB_MEMORY_MB,
     params:
         options=solve_options,
     message:
         "solve {wildcards.rig}"
     shell:
-        "python {input.code[0]:q} --pairs {input.pairs:q} --placements {input.placements:q}"
+        "limit_memory {resources.mem_mb};"
+        " python {input.code[0]:q} --pairs {input.pairs:q} --placements {input.placements:q}"
         " --mocap {input.mocap:q} --moving-keypoints {input.moving_keypoints:q}"
         " --solution {output.solution:q} --residuals {output.residuals:q}"
         " --iterations {output.iterations:q} --options {params.options:q} 2> {log:q}"
@@ -275,12 +299,15 @@ rule judge:
         "results/{rig}/judge.log",
     conda:
         "workflow/envs/calib.yaml"
+    resources:
+        mem_mb=MAX_JOB_MEMORY_MB,
     params:
         options=judge_options,
     message:
         "judge {wildcards.rig}"
     shell:
-        "python {input.code[0]:q} --solution {input.solution:q} --audits {input.audits:q}"
+        "limit_memory {resources.mem_mb};"
+        " python {input.code[0]:q} --solution {input.solution:q} --audits {input.audits:q}"
         " --calibration {output.calibration:q} --verdict {output.verdict:q}"
         " --options {params.options:q} 2> {log:q}"
 
@@ -308,12 +335,15 @@ rule report:
         "results/{rig}/report.log",
     conda:
         "workflow/envs/calib.yaml"
+    resources:
+        mem_mb=MAX_JOB_MEMORY_MB,
     params:
         options=report_options,
     message:
         "report {wildcards.rig}"
     shell:
-        "python {input.code[0]:q} --calibration {input.calibration:q}"
+        "limit_memory {resources.mem_mb};"
+        " python {input.code[0]:q} --calibration {input.calibration:q}"
         " --verdict {input.verdict:q} --residuals {input.residuals:q}"
         " --iterations {input.iterations:q} --audits {input.audits:q}"
         " --frames {input.frames:q} --placements {input.placements:q} --guesses {input.guesses:q}"
@@ -342,6 +372,8 @@ rule export:
         "results/{rig}/export.log",
     conda:
         "workflow/envs/calib.yaml"
+    resources:
+        mem_mb=MAX_JOB_MEMORY_MB,
     params:
         folder=subpath(output[0], parent=True),
         history="results/{rig}/history",
@@ -349,7 +381,8 @@ rule export:
     message:
         "export {wildcards.rig}"
     shell:
-        "python {input.code[0]:q} --calibration {input.calibration:q}"
+        "limit_memory {resources.mem_mb};"
+        " python {input.code[0]:q} --calibration {input.calibration:q}"
         " --verdict {input.verdict:q} --frames {input.frames:q}"
         " --placements {input.placements:q} --guesses {input.guesses:q}"
         " --views {input.views:q} --urdf {input.urdf:q} --output {params.folder:q}"

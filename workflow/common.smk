@@ -18,10 +18,14 @@ from snakemake.exceptions import WorkflowError
 
 # Jobs use the Python of Snakemake itself; its environment need not be activated. BLAS runs on one
 # thread: the order of its sums depends on the number of threads, and jobs run in parallel anyway.
-BLAS_THREADS = "OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1"
+# Each thread of a large machine would reserve address space, which is limited: MALLOC_ARENA_MAX.
+MAX_JOB_MEMORY_MB = 4000  # address space of a job; libraries take about 900
+BLAS_THREADS = "OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 MALLOC_ARENA_MAX=2"
 shell.prefix(
     f"set -euo pipefail; export PATH={shlex.quote(str(Path(sys.executable).parent))}:$PATH "
     f"{BLAS_THREADS}; "
+    # A machine may allow less; macOS has no such limit.
+    "limit_memory() {{ ulimit -v $(($1 * 1024)) 2> /dev/null || true; }}; "
 )
 
 

@@ -2,6 +2,9 @@
 
 import subprocess
 
+# How the line begins that ended a job: the last one is of C++, without memory.
+ENDING_LINES = ("error: ", "Traceback", "terminate called")
+
 
 def print_summary():
     """Print the last lines on the terminal, and write the page of all rigs.
@@ -55,6 +58,6 @@ def rig_result_lines(rig, home):
 def error_line(path):
     """Yield the error that ended the job of a log file, if any; a failed verdict is not an error."""
     lines = path.read_text().splitlines()
-    ended = [line for line in lines if line.startswith(("error: ", "Traceback"))]
+    ended = [line for line in lines if line.startswith(ENDING_LINES)]
     if ended and "the verdict is fail, so nothing is exported" not in ended[-1]:
         yield f"{path}: {lines[-1].removeprefix('error: ')}"

@@ -9,11 +9,16 @@ import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from calib.io.atomic_files import write_file
+from calib.io.config import MAX_ABS_NUMBER
 from calib.io.status import InputError
 
 # A number, or the 16 hexadecimal digits that earlier versions used.
 ENTRY_NAME_PATTERN = re.compile(r"\d{4,8}|[0-9a-f]{16}")
+MAX_ENTRY_BYTES = 1 << 26  # calibration.json of 64 sensors takes about 2 MB
+POSE_BLOCK_SHAPES = {"xyz_m": (3,), "quat_xyzw": (4,), "matrix": (4, 4)}
 ENTRY_KEYS = {"previous", "calibration"}
 
 
@@ -82,8 +87,10 @@ def _read_entry(path: Path) -> dict[str, Any]:
     if not ENTRY_NAME_PATTERN.fullmatch(path.stem):
         raise HistoryFileError("does not belong here: expected names such as 0001.json")
     try:
+        if path.stat().st_size > MAX_ENTRY_BYTES:
+            raise HistoryFileError(f"has more than {MAX_ENTRY_BYTES} bytes")
         entry = json.loads(path.read_bytes())
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise HistoryFileError(f"cannot be read ({error})") from error
     if not isinstance(entry, dict) or set(entry) != ENTRY_KEYS:
         raise HistoryFileError("is no accepted calibration: expected {previous, calibration}")
@@ -92,7 +99,38 @@ def _read_entry(path: Path) -> dict[str, Any]:
     calibration = entry["calibration"]
     if not isinstance(calibration, dict) or not isinstance(calibration.get("sensors"), dict):
         raise HistoryFileError("holds no calibration with sensors")
+    for name, sensor in calibration["sensors"].items():
+        _require_sensor(name, sensor)
     return entry
+
+
+def _require_sensor(name: str, sensor: Any) -> None:
+    """Raise HistoryFileError unless an accepted sensor has a pose and a covariance, or neither."""
+    if sensor == {}:
+        return
+    if not isinstance(sensor, dict) or not {"T_robot_sensor", "covariance"} <= set(sensor):
+        raise HistoryFileError(f"holds no pose and covariance of {name}")
+    pose, covariance = sensor["T_robot_sensor"], sensor["covariance"]
+    if pose is None:
+        return
+    if not isinstance(pose, dict) or not set(POSE_BLOCK_SHAPES) <= set(pose):
+        raise HistoryFileError(f"holds no pose of {name}: expected {', '.join(POSE_BLOCK_SHAPES)}")
+    for key, shape in POSE_BLOCK_SHAPES.items():
+        _require_numbers(f"{key} of {name}", pose[key], shape)
+    _require_numbers(f"covariance of {name}", covariance, (6, 6))
+    if np.linalg.eigvalsh(covariance)[0] <= 0:
+        raise HistoryFileError(f"holds a covariance of {name} that is not positive")
+
+
+def _require_numbers(what: str, value: Any, shape: tuple[int, ...]) -> None:
+    """Raise HistoryFileError unless a value is an array of finite numbers of a shape."""
+    try:
+        numbers = np.array(value, float)
+    except (TypeError, ValueError, OverflowError):
+        numbers = np.zeros(0)
+    if numbers.shape != shape or not (np.abs(numbers) < MAX_ABS_NUMBER).all():
+        expected = " x ".join(map(str, shape))
+        raise HistoryFileError(f"holds {what} of a wrong shape, expected {expected} finite numbers")
 
 
 def _order_entries(entries: dict[str, dict[str, Any]]) -> tuple[list[str], list[str]]:

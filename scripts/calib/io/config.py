@@ -235,7 +235,8 @@ def _load_target(path: str) -> Config:
     if template:
         if not Path(template).is_file():
             raise InputError(f"{path}: points.template_file: no file {template} in {Path.cwd()}")
-        target["points"]["sha256"] = hashlib.sha256(Path(template).read_bytes()).hexdigest()
+        with Path(template).open("rb") as stream:
+            target["points"]["sha256"] = hashlib.file_digest(stream, "sha256").hexdigest()
     return target
 
 

@@ -1,6 +1,7 @@
 """Command line, logging and JSON files of all stage scripts."""
 
 import argparse
+import errno
 import json
 import logging
 import os
@@ -15,6 +16,8 @@ from calib.io.atomic_files import write_file
 from calib.io.status import InputError, escape_control_characters
 
 logger = logging.getLogger("calib")
+RULE_BY_STAGE = {"preflight": "preflight_rig"}  # where its name is another
+OPENCV_NO_MEMORY = -4  # cv2.error.code
 # Start of the interpreter, s: until here it only computed, so its CPU time is its age.
 PROCESS_START_S = time.perf_counter() - time.process_time()
 
@@ -47,15 +50,59 @@ class EscapingFormatter(logging.Formatter):
 
 
 def run_stage(main: Callable[[], None]) -> None:
-    """Run a stage's main; an InputError ends in one line and exit code 1, without a trace."""
+    """Run a stage's main; an InputError ends in one line and exit code 1, without a trace.
+
+    So does memory that runs out: the rule limits the address space of the job.
+    """
     logging.basicConfig(stream=sys.stderr, level=logging.INFO)
     logging.getLogger().handlers[0].setFormatter(EscapingFormatter("%(message)s"))
     try:
         main()
         _log_cost(Path(sys.argv[0]).stem)
-    except InputError as error:
-        logger.error("error: %s", error)
+    except Exception as error:
+        if is_out_of_memory(error):
+            logger.error("error: %s", _describe_memory_limit(sys.argv))
+        elif isinstance(error, InputError):
+            logger.error("error: %s", error)
+        else:
+            raise
         sys.exit(1)
+
+
+def is_out_of_memory(error: BaseException | None) -> bool:
+    """Return whether an error, or one that caused it, says that memory could not be allocated."""
+    while error is not None:
+        if isinstance(error, MemoryError) or "bad_alloc" in str(error):
+            return True
+        if isinstance(error, OSError) and error.errno == errno.ENOMEM:
+            return True
+        if getattr(error, "code", None) == OPENCV_NO_MEMORY and type(error).__module__ == "cv2":
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _describe_memory_limit(argv: list[str]) -> str:
+    """Return the message of a job without memory left, with the files that it reads."""
+    stage, limit = Path(argv[0]).stem, resource.getrlimit(resource.RLIMIT_AS)[0]
+    allowed = "it can get"
+    remedy = "Free some memory and run again."
+    if limit != resource.RLIM_INFINITY:
+        allowed = f"its limit, {limit >> 20} MB of address space"
+        remedy = (
+            "If the files are yours and sound, raise it: "
+            f"snakemake --set-resources {RULE_BY_STAGE.get(stage, stage)}:mem_mb={limit >> 19}."
+        )
+    return f"{_name_inputs(argv)}: {stage} needs more memory than {allowed}. {remedy}"
+
+
+def _name_inputs(argv: list[str]) -> str:
+    """Return the log that a stage reads, or else the first of its files, by its command line."""
+    options = json.loads(argv[argv.index("--options") + 1]) if "--options" in argv else {}
+    log = options.get("log", []) if isinstance(options, dict) else []
+    names = [log] if isinstance(log, str) else list(log)
+    first = [word for word in argv[1:] if not word.startswith("--")][:1]
+    return ", ".join(names or first)
 
 
 def _log_cost(name: str) -> None:

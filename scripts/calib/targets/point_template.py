@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from calib.io.status import InputError
+from calib.targets.template_header import require_true_header
 
 MAX_POINTS_ACROSS = 2000  # points of a template along its largest extent
 
@@ -76,6 +77,7 @@ def read_template_file(path: str | Path) -> np.ndarray:
         raise InputError(
             f"{path}: template file not found. Set points.template_file to a .pcd or .ply file."
         )
+    require_true_header(Path(path))
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         template = np.unique(np.asarray(o3d.io.read_point_cloud(Path(path)).points), axis=0)
     if len(template) < 4 or not np.isfinite(template).all():

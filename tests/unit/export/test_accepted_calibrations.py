@@ -259,3 +259,32 @@ def test_links_lead_to_what_is_there(tmp_path):
     assert '<a href="robo/report.html">report</a>' in text
     assert "report.pdf" not in text
     assert "http" not in text
+
+
+SENSOR = {"T_robot_sensor": pose_json(np.eye(4)), "covariance": (1e-6 * np.eye(6)).tolist()}
+WRONG_SHAPES = {
+    "sensor": "text",
+    "no pose": {"covariance": None},
+    "pose": SENSOR | {"T_robot_sensor": [1, 2, 3]},
+    "matrix": SENSOR | {"T_robot_sensor": SENSOR["T_robot_sensor"] | {"matrix": [[1, 2], [3]]}},
+    "numbers": SENSOR | {"T_robot_sensor": SENSOR["T_robot_sensor"] | {"xyz_m": ["x", 1, {}]}},
+    "infinite": SENSOR | {"T_robot_sensor": SENSOR["T_robot_sensor"] | {"xyz_m": [1e300, 1, 2]}},
+    "covariance": SENSOR | {"covariance": None},
+    "singular": SENSOR | {"covariance": np.zeros((6, 6)).tolist()},
+}
+
+
+@pytest.mark.parametrize("name", WRONG_SHAPES)
+def test_a_file_of_wrong_shapes_is_named_before_the_page_compares_poses_with_it(tmp_path, name):
+    good = {"rig": "robo", "sensors": {"left": SENSOR, "right": {**SENSOR, "T_robot_sensor": None}}}
+    write_entry(tmp_path, "0001", None, good)
+    assert len(read_accepted_calibrations(tmp_path)) == 1
+    write_entry(tmp_path, "0002", "0001", {"rig": "robo", "sensors": {"left": WRONG_SHAPES[name]}})
+    with pytest.raises(InputError, match=r"0002\.json holds .* of left"):
+        read_accepted_calibrations(tmp_path)
+
+
+def test_a_history_file_nested_without_end_is_named(tmp_path):
+    (tmp_path / "0001.json").write_text("[" * 100_000)
+    with pytest.raises(InputError, match=r"0001\.json cannot be read"):
+        read_accepted_calibrations(tmp_path)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
+from benchmarking.fuzzing.random_configs import VALID_FILES
 from calib.geometry.se3 import invert_pose, pose_from_rpy, pose_to_quat, rotation_angle
 from calib.io.config import (
     RENAMED_KEYS,
@@ -675,3 +676,25 @@ def test_a_cut_whose_later_part_has_a_name_that_is_taken_is_refused():
     sessions = cut() | {"s_after": {"rig": "r", "log": "y"}}
     with pytest.raises(InputError, match=r"sessions\.s_after exists"):
         cut_sessions(sessions, "c")
+
+
+HUGE_COUNTS = {
+    ("config", "crop.max_frames"): 10**12,
+    ("config", "solve.max_rounds"): 10**15,
+    ("config", "extract.seed"): -1,
+    ("config", "guess.seed"): 2**40,
+    ("target", "pattern.inner_corners"): [10**6, 10**6],
+    ("rig", "sensors.left.size_px"): [10**9, 10**9],
+}
+
+
+@pytest.mark.parametrize("kind, key", HUGE_COUNTS)
+def test_a_count_beyond_reason_is_refused_with_its_key(kind, key):
+    names = {"config": "config.yaml", "target": "targets/board.yaml", "rig": "rigs/cart.yaml"}
+    content = yaml.safe_load(yaml.safe_dump(VALID_FILES[names[kind]]))
+    block = content
+    for part in key.split(".")[:-1]:
+        block = block.setdefault(part, {})
+    block[key.split(".")[-1]] = HUGE_COUNTS[kind, key]
+    with pytest.raises(InputError, match=f"x.yaml: {key}"):
+        validate_and_complete(kind, content, "x.yaml")

@@ -57,6 +57,8 @@ def read_mcap_index(path: Path) -> McapIndex:
     with BoundedFile(path) as stream:
         try:
             reader = SeekingReader(stream, record_size_limit=stream.size)
+        except MemoryError:
+            raise
         except Exception as error:  # the library raises any type for foreign bytes
             raise InputError(
                 f"{path}: not a readable MCAP file ({summarize_error(error)}). "
@@ -65,6 +67,8 @@ def read_mcap_index(path: Path) -> McapIndex:
         index, summary_error = None, ""
         try:
             index = _index_from_summary(reader.get_summary(), stream)
+        except MemoryError:
+            raise
         except Exception as error:  # as above
             summary_error = summarize_error(error)
         return index or _index_from_scan(stream, path, summary_error)

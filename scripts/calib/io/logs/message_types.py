@@ -144,6 +144,8 @@ class MessageCodec:
             if self.type in STRUCT_LIST_FIELDS:
                 return read_struct_list(data, self.type, self.serialisation, store)
             return read(data, self.type)
+        except MemoryError:
+            raise
         except Exception as error:  # rosbags raises any type for foreign bytes
             raise self._decode_error(error) from error
 
@@ -164,6 +166,8 @@ class MessageCodec:
             ):
                 raise ValueError("not a header")
             return header
+        except MemoryError:
+            raise
         except Exception as error:
             raise self._decode_error(error) from error
 

@@ -5,14 +5,26 @@ from pathlib import Path
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
 
+from calib.io.logs.bounded.sqlite_budget import bounded_sqlite, require_plain_tables
 from calib.io.logs.rosbags_reader import RosbagsLog, open_readers
 
 SQLITE_REMEDY = "Run `sqlite3 {} .recover | sqlite3 whole.db3` and use whole.db3."
 
 
+class BoundedSqliteReader(Reader):
+    """A reader of plain tables only, whose work is bounded by the size of the file."""
+
+    def open(self) -> None:
+        """Check the tables and open the file."""
+        path = Path(str(self.path))
+        with bounded_sqlite(path):
+            require_plain_tables(path)
+            super().open()
+
+
 def open_rosbag2_sqlite(files: list[Path]) -> RosbagsLog:
     """Return the log in SQLite files."""
-    log = RosbagsLog(open_readers(files, Reader, SQLITE_REMEDY), _find_serialisation)
+    log = RosbagsLog(open_readers(files, BoundedSqliteReader, SQLITE_REMEDY), _find_serialisation)
     log.read_errors += [_journal_warning(p) for p in log.files if _journal_path(p).exists()]
     return log
 

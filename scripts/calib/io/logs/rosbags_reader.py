@@ -99,6 +99,8 @@ class RosbagsLog:
                     codec=self._codecs[file_index][connection.id],
                 )
                 counts[topic] += 1
+        except MemoryError:
+            raise
         except Exception as error:  # the library raises any type for damaged bytes
             read_s = 0.0 if last_ns is None else (last_ns - self.start_ns) / NS_PER_S
             self.read_errors.append(

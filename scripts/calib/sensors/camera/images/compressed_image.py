@@ -10,7 +10,10 @@ from PIL import Image
 from calib.io.status import MessageError
 from calib.sensors.camera.images.pixel_encodings import PIXEL_ENCODINGS, to_eight_bits
 
-MAX_IMAGE_PIXELS = 1 << 27  # a few bytes may claim to be any number of pixels
+# A few bytes may claim to be any number of pixels.
+MAX_IMAGE_BYTES = 1 << 28  # of decoded pixels
+MAX_PIXELS_PER_BYTE = 8 * 1032  # deflate packs at most 1032 bytes, of 8 pixels each, into one
+PNG_BIT_DEPTH_OFFSET = 24
 JPEG_END = b"\xff\xd9"
 VIDEO_FORMATS = ("h264", "h265", "hevc", "vp9", "av1")
 TO_BGR_BY_CHANNELS = {1: cv2.COLOR_GRAY2BGR, 4: cv2.COLOR_BGRA2BGR}
@@ -43,9 +46,14 @@ def _check_image_file(data: bytes, format_name: str) -> None:
     try:
         with Image.open(io.BytesIO(data), formats=("JPEG", "PNG")) as header:
             (width, height), kind = header.size, header.format
+            channels = max(len(header.getbands()), 3 if header.mode == "P" else 1)
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
         raise MessageError(_describe_unknown_format(format_name)) from None
-    if width * height > MAX_IMAGE_PIXELS:
+    sample_bytes = 2 if kind == "PNG" and data[PNG_BIT_DEPTH_OFFSET] == 16 else 1
+    if (
+        width * height * channels * sample_bytes > MAX_IMAGE_BYTES
+        or width * height > MAX_PIXELS_PER_BYTE * len(data)
+    ):
         raise MessageError(f"an image that claims {width} x {height} px; the message is damaged")
     if kind == "JPEG" and data.rfind(JPEG_END) < len(data) / 2:
         raise MessageError(f"a JPEG of {width} x {height} px that is cut short")
