@@ -80,7 +80,7 @@ MATRIX_FAULTS: tuple[MatrixFault, ...] = (
     # Lidars
     *_simulate(
         "ranges to dark squares too long",
-        (r"dark",),
+        (r"dark", r"ranges of velodyne depend on intensity"),
         {"5 mm": "--dark-range-m 0.005", "15 mm": "--dark-range-m 0.015"},
     ),
     *_simulate(
@@ -123,7 +123,7 @@ MATRIX_FAULTS: tuple[MatrixFault, ...] = (
         MatrixFault(
             "targets off their stated mounts",
             f"{mm} mm {deg}°",
-            (r"mount", r"T_body_target", r"in its MCS body"),
+            (r"T_body_target of", r"mount of"),
             f"--mount-m {mm / 1e3} --mount-deg {deg}",
             change_config=written.hide_mount_sigma,
         )
@@ -218,7 +218,7 @@ MATRIX_FAULTS: tuple[MatrixFault, ...] = (
     ),
     *_simulate(
         "sensor bumped between sessions",
-        (r"right_camera.*differs", r"right_camera (is|was) shifted", r"right_camera.*moved"),
+        (r"^right_camera: its pose in session", r"right_camera is shifted on the robot"),
         {
             "4 mm 0.3°": "--bump-m 0.004 --bump-deg 0.3",
             "15 mm 1°": "--bump-m 0.015 --bump-deg 1",

@@ -1,5 +1,6 @@
 """Repeatability: sensor poses of each session alone, compared with those of the other sessions."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ from calib.estimation.estimation_result import EstimationResult
 from calib.estimation.pose_chain import ROBOT_MARKERS
 from calib.estimation.round_solution import targets_at_estimate
 from calib.estimation.solver import estimate_poses
-from calib.geometry.se3 import invert_pose, se3_exp, se3_log
+from calib.geometry.se3 import adjoint, invert_pose, se3_exp, se3_log
 
 
 class SessionPose(NamedTuple):
@@ -82,32 +83,63 @@ def session_poses(
 def repeatability_json(
     setup: Setup, result: EstimationResult, **limits: Any
 ) -> list[dict[str, Any]]:
-    """Return [{session, sensor, shift, sigma, n_other_sessions, p_value}], [] for one session.
+    """Return [{session, sensor, shift, sigma, n_other_sessions, p_value, markers}], by time.
 
-    shift (6,): of the sensor pose of this session from that of the others, m and rad, along the
-    sensor's axes. sigma (6,): of this shift. p_value: of so large a shift if nothing moved.
+    [] for one session. shift (6,): of the sensor pose of this session from that of the others, m
+    and rad, along the sensor's axes. sigma (6,): of this shift. p_value: of so large a shift if
+    nothing moved. markers: {shift (6,), explained_share} of the robot's markers in the robot frame
+    that explains the shifts of all sensors of the session best, None for one sensor.
     """
-    sessions = sorted({p.session for p in setup.placements})
+    starts: dict[str, int] = {}
+    for p in setup.placements:
+        starts[p.session] = min(starts.get(p.session, p.start_ns), p.start_ns)
+    sessions = sorted(starts, key=lambda s: (starts[s], s))
     if len(sessions) < 2 or result.solve_result is None:
         return []
     poses = {s: session_poses(setup, result, s, **limits) for s in sessions}
     out = []
     for session in sessions:
+        shifts, rows = {}, []
         for sensor, pose in poses[session].items():
             others = [poses[s][sensor] for s in sessions if s != session and sensor in poses[s]]
             if others:
-                comparison = _compare_with_others(pose, others)
-                out.append({"session": session, "sensor": sensor, **comparison})
+                shifts[sensor], values = _compare_with_others(pose, others)
+                rows.append({"session": session, "sensor": sensor, **values})
+        markers = _markers_json(shifts, result.state.T_robot_sensor)
+        out += [row | {"markers": markers} for row in rows]
     return out
 
 
-def _compare_with_others(pose: SessionPose, others: list[SessionPose]) -> dict[str, Any]:
+def _markers_json(
+    shifts: dict[str, SessionPose], T_robot_sensor: Mapping[str, np.ndarray]
+) -> dict[str, Any] | None:
+    """Return the shift of the robot's markers that explains the shifts of all sensors best.
+
+    explained_share: of the squares of the sensors' shifts, in their σ.
+    """
+    if len(shifts) < 2:
+        return None
+    information, weighted, squares = np.zeros((6, 6)), np.zeros(6), 0.0
+    for sensor, shift in shifts.items():
+        to_sensor = adjoint(invert_pose(T_robot_sensor[sensor]))
+        weight = np.linalg.inv(shift.covariance)
+        information += to_sensor.T @ weight @ to_sensor
+        weighted += to_sensor.T @ weight @ shift.twist
+        squares += shift.twist @ weight @ shift.twist
+    common = np.linalg.solve(information, weighted)
+    return {"shift": common.tolist(), "explained_share": float(common @ weighted / squares)}
+
+
+def _compare_with_others(
+    pose: SessionPose, others: list[SessionPose]
+) -> tuple[SessionPose, dict[str, Any]]:
+    """Return the shift from the others, and the same as JSON."""
     weights = [np.linalg.inv(other.covariance) for other in others]
     covariance = np.linalg.inv(sum(weights))
     mean = covariance @ sum(W @ other.twist for W, other in zip(weights, others, strict=True))
     shift, shift_covariance = pose.twist - mean, pose.covariance + covariance
     p_value = stats.chi2.sf(shift @ np.linalg.solve(shift_covariance, shift), 6)
-    return {
+    return SessionPose(shift, shift_covariance), {
         "shift": shift.tolist(),
         "sigma": np.sqrt(np.diag(shift_covariance)).tolist(),
         "n_other_sessions": len(others),

@@ -1,4 +1,4 @@
-"""Findings on errors of a recording or its config: suspected errors, clocks, mounts, sessions."""
+"""Findings on errors of a recording or its config: suspected errors, clocks, mounts."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
@@ -47,9 +47,7 @@ def suspected_error_findings(
     }
     if not moved and not explained:
         return []
-    failed = [
-        n for n, shift in moved.items() if _is_failing_shift(shift["m"], shift["rad"], limits)
-    ]
+    failed = [n for n, shift in moved.items() if is_failing_shift(shift["m"], shift["rad"], limits)]
     blurred = {noise.split("/")[0] for noise in explained if "/" in noise}
     return [
         make_finding(
@@ -81,7 +79,8 @@ def _describe_remedies(error: dict[str, Any]) -> str:
     return first + "".join(f". If that is right: {r[:1].lower()}{r[1:]}" for r in others)
 
 
-def _is_failing_shift(m: float, rad: float, limits: Limits) -> bool:
+def is_failing_shift(m: float, rad: float, limits: Limits) -> bool:
+    """Return whether a pose that shifts by so much cannot be used."""
     degrees = rad * DEG_PER_RAD
     return m > limits["fail_error_moves_pose_m"] or degrees > limits["fail_error_moves_pose_deg"]
 
@@ -90,8 +89,7 @@ def _describe_suspected_error(
     error: dict[str, Any], moved: dict[str, Any], explained: dict[str, float]
 ) -> str:
     effects = [
-        f"moves {name} by {_format_shift(shift['m'], shift['rad'])}"
-        for name, shift in moved.items()
+        f"moves {name} by {format_shift(shift['m'], shift['rad'])}" for name, shift in moved.items()
     ]
     effects += [
         f"explains {share * SHARE_TO_PERCENT:.0f} % of {_describe_noise(noise)}"
@@ -102,7 +100,8 @@ def _describe_suspected_error(
     return text + rivals + (" (only one of them is true)" if rivals else "")
 
 
-def _format_shift(m: float, rad: float) -> str:
+def format_shift(m: float, rad: float) -> str:
+    """Format a shift of a pose as `3 mm and 0.2°`."""
     return f"{m * MM_PER_M:.2g} mm and {rad * DEG_PER_RAD:.2g}°"
 
 
@@ -193,7 +192,7 @@ def target_mount_findings(
     limit = limits[f"{level}_guess_deviation_sigma"]
     m, rad = np.linalg.norm(shift.reshape(2, 3), axis=1)
     text = (
-        f"T_body_target of {name} differs from the config by {_format_shift(m, rad)}, which is "
+        f"T_body_target of {name} differs from the config by {format_shift(m, rad)}, which is "
         f"{value:.3g} times its alignment_sigma, {level} above {limit:.3g}; the estimate is used"
     )
     remedy = (
@@ -219,32 +218,3 @@ def undetermined_mount_findings(name: str, directions: Sequence[str]) -> list[Fi
         f"Tilt {name} by 30° or more about two other axes in some placements, and record again."
     )
     return [make_finding("target_mount", [], "warn", text=text, remedy=remedy)]
-
-
-def repeatability_findings(rows: list[dict[str, Any]], limits: Limits) -> list[Finding]:
-    """Return one finding for each sensor whose pose differs between sessions."""
-    most_significant: dict[str, dict[str, Any]] = {}
-    for row in sorted(rows, key=lambda r: r["p_value"]):
-        most_significant.setdefault(row["sensor"], row)
-    out = []
-    for name, row in sorted(most_significant.items()):
-        m, rad = np.linalg.norm(np.reshape(row["shift"], (2, 3)), axis=1)
-        is_significant = row["p_value"] <= limits["warn_error_p_value"]
-        if is_significant and m >= limits["warn_error_moves_pose_m"]:
-            level = "fail" if _is_failing_shift(m, rad, limits) else "warn"
-            out.append(_session_shift_finding(name, row["session"], level, _format_shift(m, rad)))
-    return out
-
-
-def _session_shift_finding(name: str, session: str, level: str, shift: str) -> Finding:
-    return make_finding(
-        "sensor_moved",
-        [name],
-        level,
-        text=f"{name}: its pose in session {session} differs by {shift} from the other sessions",
-        remedy=(
-            f"Check whether {name} was moved or bumped before or after {session}, and calibrate "
-            "the later sessions separately. If all sensors moved alike, the robot's markers moved: "
-            f"set sessions.{session}.remounted: true."
-        ),
-    )

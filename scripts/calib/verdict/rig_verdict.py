@@ -38,7 +38,6 @@ from calib.verdict.limit_checks import (
 from calib.verdict.model_error_findings import (
     clock_step_findings,
     mocap_scale_findings,
-    repeatability_findings,
     suspected_error_findings,
     target_mount_findings,
     time_offset_findings,
@@ -50,6 +49,7 @@ from calib.verdict.noise_findings import (
     mocap_findings,
     scatter_cause_findings,
 )
+from calib.verdict.session_findings import repeatability_findings
 from calib.verdict.split_half_findings import split_half_findings
 
 OUTLINE_VS_SURFACE = "outline_vs_surface"  # name of a correction and of its check

@@ -38,9 +38,28 @@ def test_a_camera_that_was_bumped_between_sessions_is_told_from_a_lidar_that_was
     }
     assert rows["morning", "camera"]["p_value"] < 1e-12
     assert rows["morning", "lidar"]["p_value"] > 1e-3
+    assert rows["morning", "camera"]["markers"]["explained_share"] < 0.9
     shift, sigma = (np.array(rows["morning", "camera"][k]) for k in ("shift", "sigma"))
     assert (np.abs(shift - se3_log(SENSOR_BUMP)) < 4 * sigma).all()
     np.testing.assert_allclose(shift, -np.array(rows["evening", "camera"]["shift"]), atol=1e-9)
+
+
+def test_sensors_that_all_shift_with_the_markers_are_told_with_the_shift_of_these():
+    """Both sensors see the robot's markers 4 mm and 0.6 degrees elsewhere in the second session."""
+    T_markers = se3_exp(np.array([0.003, -0.002, 0.002, 0.0, 0.01, 0.0]))
+    made = synthetic_sessions.make_two_sessions()
+    places = [
+        replace(p, T_robot_body=T_markers @ p.T_robot_body, start_ns=10**9)
+        if p.session == "evening"
+        else p
+        for p in made.placements
+    ]
+    rows = told(replace(made, placements=places))
+    assert [r["session"] for r in rows] == ["morning", "morning", "evening", "evening"]
+    for row in rows[2:]:
+        assert row["markers"]["explained_share"] > 0.95
+        off = np.array(row["markers"]["shift"]) - se3_log(T_markers)
+        assert np.linalg.norm(off[:3]) < 0.002 and np.linalg.norm(off[3:]) < 0.001
 
 
 def test_one_session_alone_says_nothing_of_repeating():

@@ -68,6 +68,7 @@ def test_the_range_error_common_to_all_beams_is_shown_if_sigma_includes_it(
 
 def test_every_session_stands_beside_the_others(report_files, skip_figures):
     row = {"session": "s1", "sensor": "left", "n_other_sessions": 1, "p_value": 1e-9}
+    row["markers"] = None
     shift, sigma = [0.003, 0, 0.004, 0, 0, 0.01], [0.0001] * 3 + [0.001] * 3
     report_files.calibration["repeatability"] = [row | {"shift": shift, "sigma": sigma}]
     assert "s1 left 5 0.17 0.57 0.099" in extract_page_text(report_files.render_report())

@@ -509,6 +509,7 @@ def test_a_clock_far_from_its_first_guess_is_told_with_what_to_write(clean, offs
 def test_a_sensor_that_moved_between_sessions_is_called_by_name(clean, mm, level):
     told = copy.deepcopy(clean)
     row = {"sensor": "camera", "sigma": [1e-5] * 6, "n_other_sessions": 1, "p_value": 1e-30}
+    row["markers"] = {"shift": [mm / 2e3, 0, 0, 0, 0, 0], "explained_share": 0.5}
     told["repeatability"] = [
         row | {"session": s, "shift": [sign * mm / 1e3, 0, 0, 0, 0, 0]}
         for s, sign in (("evening", 1), ("morning", -1))
@@ -519,9 +520,38 @@ def test_a_sensor_that_moved_between_sessions_is_called_by_name(clean, mm, level
     assert all(f["sensors"] == ["camera"] for f in found)
 
 
+@pytest.mark.parametrize(("share", "markers_moved"), [(0.99, True), (0.6, False)])
+def test_sensors_that_all_shift_alike_between_sessions_are_one_finding_on_the_markers(
+    clean, share, markers_moved
+):
+    told = copy.deepcopy(clean)
+    row = {"sigma": [1e-5] * 6, "n_other_sessions": 1, "p_value": 1e-30}
+    told["repeatability"] = [
+        row
+        | {
+            "session": session,
+            "sensor": sensor,
+            "shift": [sign * 0.005, 0, 0, 0, 0, 0],
+            "markers": {"shift": [0, sign * 0.004, 0, 0, 0, 0], "explained_share": share},
+        }
+        for session, sign in (("morning", -1), ("evening", 1))
+        for sensor in ("camera", "lidar")
+    ]
+    found = [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "sensor_moved"]
+    assert len(found) == (1 if markers_moved else 2)
+    if markers_moved:
+        assert found[0]["text"] == (
+            "the robot's markers sit elsewhere in session evening than in the other sessions, "
+            "by 4 mm and 0° in the robot frame: all sensors shift alike"
+        )
+        key = {"file": "config/config.yaml", "key": "sessions.evening.remounted", "value": True}
+        assert (found[0]["change"], found[0]["sensors"]) == (key, ["camera", "lidar"])
+
+
 def test_sessions_that_differ_by_chance_are_none_of_the_verdict(clean):
     told = copy.deepcopy(clean)
     row = {"sensor": "camera", "session": "evening", "sigma": [1e-3] * 6, "n_other_sessions": 1}
+    row["markers"] = None
     told["repeatability"] = [row | {"p_value": 0.01, "shift": [0.003, 0, 0, 0, 0, 0]}]
     assert not [f for f in rig_findings(told, LIMITS)[1] if f["check"] == "sensor_moved"]
 
