@@ -16,7 +16,6 @@ import solve
 from benchmarking.fault_matrix.stage_runner import StageJob, select_jobs
 from benchmarking.room_rigs import CORNER_SIGMA_PX
 from calib.geometry.se3 import pose_from_xyz_quat, pose_to_quat, se3_exp
-from calib.geometry.units import NS_PER_S
 from calib.io.parquet_tables import Columns, read_table, write_table
 from calib.io.pose_block import pose_sigma_from_config
 from calib.io.table_schemas import (
@@ -26,8 +25,8 @@ from calib.io.table_schemas import (
     PLACEMENTS_SCHEMA,
 )
 from calib.mocap.body_trajectory import relative_trajectory, trajectory_from_columns
-from calib.mocap.placements import average_still_pose, middle_moving_pose
-from calib.mocap.rest_noise import describe_rest_noise, measure_body_noise, slow_noise_columns
+from calib.mocap.placements import measure_placement
+from calib.mocap.rest_noise import describe_rest_noise, measure_body_noise
 from calib.mocap.stillness import StillnessLimits
 from simulation.sensors.mocap_errors import draw_gauss_markov
 
@@ -115,13 +114,7 @@ def measure_placements(
         slow_noise = {"robot": used.get(robot_body), "body": used.get(body)}
         for i in np.flatnonzero(columns["target"] == target):
             span = np.array([columns["start_ns"][i], columns["end_ns"][i]])
-            duration_s = (span[1] - span[0]) / NS_PER_S
-            if columns["kind"][i] == "still":
-                row = average_still_pose(relative, span, sigma, slow_noise)
-            else:
-                row = middle_moving_pose(relative, span)
-            for part, found in slow_noise.items():
-                row |= slow_noise_columns(found, part, duration_s)
+            row = measure_placement(columns["kind"][i], relative, span, sigma, slow_noise)
             for key, value in row.items():
                 out[key][i] = value
     lines = [describe_rest_noise(name, n, settings) for name, n in noise.items()]

@@ -130,18 +130,31 @@ def find_target_placements(
     """
     still = find_still_intervals(trajectory, limits)
     moving = find_moving_intervals(still, trajectory.stamps_ns)
-    placements = [
-        ("still", s, average_still_pose(trajectory, s, pose_sigma, slow_noise)) for s in still
-    ]
-    placements += [("moving", s, middle_moving_pose(trajectory, s)) for s in moving]
     rows = [
         {"target": target, "kind": kind, "start_ns": interval[0], "end_ns": interval[1]}
-        | pose
-        | slow_noise_columns(slow_noise["robot"], "robot", (interval[1] - interval[0]) / NS_PER_S)
-        | slow_noise_columns(slow_noise["body"], "body", (interval[1] - interval[0]) / NS_PER_S)
-        for kind, interval, pose in placements
+        | measure_placement(kind, trajectory, interval, pose_sigma, slow_noise)
+        for kind, intervals in (("still", still), ("moving", moving))
+        for interval in intervals
     ]
     return sorted(rows, key=lambda r: r["start_ns"])
+
+
+def measure_placement(
+    kind: str,
+    trajectory: Trajectory,
+    interval_ns: np.ndarray,
+    pose_sigma: np.ndarray,
+    slow_noise: dict[str, RestNoise | None],
+) -> dict[str, Any]:
+    """Return what motion capture says of a still or moving interval, as columns."""
+    duration_s = (interval_ns[1] - interval_ns[0]) / NS_PER_S
+    if kind == "still":
+        pose = average_still_pose(trajectory, interval_ns, pose_sigma, slow_noise)
+    else:
+        pose = middle_moving_pose(trajectory, interval_ns)
+    for name, noise in slow_noise.items():
+        pose |= slow_noise_columns(noise, name, duration_s)
+    return pose
 
 
 def body_status(audit: dict[str, Any], robot: str, body: str) -> Status:
