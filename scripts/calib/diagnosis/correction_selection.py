@@ -73,8 +73,8 @@ def estimate_with_corrections(
         return setup, with_reported_covariance(setup, result), suspected
     moving_result = continue_estimate(wider, (setup, result), **limits)
     if estimate_options.get("time_offset") is False:
-        clock_errors = suspected_clock_errors_json(wider, moving_result)
-        return setup, with_reported_covariance(setup, result), suspected + clock_errors
+        suspected += map(check.annotate, suspected_clock_errors_json(wider, moving_result))
+        return setup, with_reported_covariance(setup, result), suspected
     wider, result = _add_stream_lags(wider, moving_result, limits)
     setup = add_clock_drifts(wider, result)
     if setup is not wider:

@@ -20,6 +20,7 @@ from calib.estimation.round_solution import build_nlp, linearize_measurements
 from calib.estimation.solver import estimate_poses
 from calib.geometry.se3 import invert_pose, se3_exp, se3_log, transform_points
 from calib.geometry.units import NS_PER_S
+from calib.io.config import load_schema
 from calib.mocap.body_trajectory import Trajectory, find_separate_streams, relative_trajectory
 from calib.mocap.moving_pose_fit import MovingView, fit_local_motion
 from helpers import synthetic_setup
@@ -36,6 +37,9 @@ RATE = 100  # Hz of the MCS
 START = {n: T @ se3_exp(np.full(6, 0.005)) for n, T in TRUE_POSES.items()}
 STILL = [("board", None)] * 8
 NONE = np.zeros((2, 6))
+SUSPECTED_ERROR_KEYS = set(
+    load_schema("calibration")["properties"]["suspected_errors"]["items"]["required"]
+)
 FACTOR = 0.55  # σ of a pose between the samples over that of one of them
 
 
@@ -321,6 +325,7 @@ def test_a_clock_that_is_not_to_be_estimated_is_doubted_and_moves_no_pose():
         assert not any(g.is_moving for g in made.groups) and made.corrections == ()
         clock = {s["subject"]: s for s in suspected if s["name"] == "time_offset"}
         assert sorted(clock) == ["camera", "lidar"]
+        assert all(set(about) >= SUSPECTED_ERROR_KEYS for about in suspected)
         for name, about in clock.items():
             T = invert_pose(alone.state.T_robot_sensor[name]) @ result.state.T_robot_sensor[name]
             assert np.abs(se3_log(T)).max() < 1e-9
