@@ -8,6 +8,7 @@ import argparse
 import os
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -58,9 +59,9 @@ def read_row(path: Path) -> RowResult:
 
 
 def read_rows(work: Path, faults: Sequence[MatrixFault]) -> list[RowResult]:
-    """Return the rows that were measured, in the order of the faults."""
-    paths = (work / f"{fault.key}.json" for fault in faults)
-    return [read_row(path) for path in paths if path.exists()]
+    """Return the rows that were measured, in the order of the faults, with the causes of today."""
+    paths = [(work / f"{fault.key}.json", fault) for fault in faults]
+    return [replace(read_row(path), causes=fault.causes) for path, fault in paths if path.exists()]
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -82,7 +83,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         for future in futures:
             print(future.result(), flush=True)
     clean, faulty = (read_rows(work, faults) for faults in (CLEAN_FAULTS, MATRIX_FAULTS))
-    print(write_matrix_section(args.docs / "faults.md", clean, faulty))
+    n_missing = len(FAULTS_BY_KEY) - len(clean) - len(faulty)
+    print(write_matrix_section(args.docs / "faults.md", clean, faulty, n_missing))
 
 
 if __name__ == "__main__":

@@ -34,14 +34,19 @@ def split_page(text: str) -> tuple[str, str]:
     return head, found + matrix
 
 
-def write_matrix_section(path: Path, clean: list[RowResult], faulty: list[RowResult]) -> str:
-    """Write the matrix into the page, in place of an earlier one; return it."""
-    section = render_matrix(clean, faulty)
+def write_matrix_section(
+    path: Path, clean: list[RowResult], faulty: list[RowResult], n_missing: int
+) -> str:
+    """Write the matrix into the page, in place of an earlier one; return it.
+
+    n_missing: rows that were not measured.
+    """
+    section = render_matrix(clean, faulty, n_missing)
     path.write_text(split_page(path.read_text())[0] + section)
     return section
 
 
-def render_matrix(clean: list[RowResult], faulty: list[RowResult]) -> str:
+def render_matrix(clean: list[RowResult], faulty: list[RowResult], n_missing: int) -> str:
     """Return the section."""
     return render_markdown(
         PAGE_TEMPLATE,
@@ -50,7 +55,9 @@ def render_matrix(clean: list[RowResult], faulty: list[RowResult]) -> str:
         clean_table=format_markdown_table(CLEAN_COLUMNS, [_clean_cells(r) for r in clean]),
         table=format_markdown_table(COLUMNS, [_fault_cells(r) for r in faulty]),
         n_rows=len(faulty),
+        n_missing=n_missing,
         n_draws=sum(len(r.before) for r in faulty),
+        n_clean_draws=sum(len(r.before) for r in clean),
         moved=MOVED_SIGMAS,
         wrong=WRONG_SIGMAS,
     )

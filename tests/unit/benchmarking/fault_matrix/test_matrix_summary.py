@@ -116,11 +116,12 @@ def test_a_row_comes_back_from_its_file_as_it_was():
 def test_the_page_keeps_its_table_and_gets_a_new_matrix(tmp_path):
     page = tmp_path / "faults.md"
     page.write_text("# Faults\n\ntable\n")
-    write_matrix_section(page, [CLEAN], [GOOD])
-    section = write_matrix_section(page, [CLEAN], [GOOD])
+    write_matrix_section(page, [CLEAN], [GOOD], 3)
+    section = write_matrix_section(page, [CLEAN], [GOOD], 3)
     assert page.read_text() == "# Faults\n\ntable\n" + section
     assert split_page(page.read_text()) == ("# Faults\n\ntable\n", section)
     assert section.count(MATRIX_HEADING) == 1
+    assert "3 rows of the matrix were not measured" in section
 
 
 def test_a_row_shows_verdicts_cause_error_and_advice():
@@ -128,4 +129,4 @@ def test_a_row_shows_verdicts_cause_error_and_advice():
     assert (
         "| squares | 2 % | 1 | 0 / 1 / 0 | 1 of 1 | 9 mm 0.1°, 8 σ | the squares of board are "
         "small | `pattern.square_m` | 1 / 0 / 0 | 0.2 mm 0.01°, 1.4 σ |"
-    ) in render_matrix([CLEAN], [cured])
+    ) in render_matrix([CLEAN], [cured], 0)
