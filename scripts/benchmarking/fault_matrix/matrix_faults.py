@@ -233,7 +233,7 @@ MATRIX_FAULTS: tuple[MatrixFault, ...] = (
     *_write(
         "quaternion of a pose with w first",
         (r"w, x, y, z", r"wxyz"),
-        {"camera": written.reorder_pose_quaternion("camera")},
+        {"velodyne": written.reorder_pose_quaternion("velodyne")},
     ),
     *_record(
         "quaternions of motion capture with w first",

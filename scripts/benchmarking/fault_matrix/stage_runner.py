@@ -66,7 +66,7 @@ def list_stage_jobs(folder: Path) -> list[StageJob]:
         raise InputError(" ".join(text.strip().splitlines()[-3:]))
     by_name = {stage.__name__: i for i, stage in enumerate(STAGES)}
     found = []
-    for line in re.findall(r"^Shell command: (.*\.py .*--options .*)$", text, re.M):
+    for line in re.findall(r"^Shell command: .*?(python \S*\.py .*--options .*)$", text, re.M):
         words = shlex.split(line.rsplit(" 2> ", 1)[0])
         name = Path(words[1]).stem
         if name in by_name:
