@@ -82,6 +82,7 @@ def list_job_commands(folder):
     for line in (run.stdout + run.stderr).splitlines():
         if line.startswith("Shell command: ") and "--options" in line:
             words = shlex.split(line.removeprefix("Shell command: ").rsplit(" 2> ", 1)[0])
+            words = words[words.index("python") :]  # after the limit of memory
             options = json.loads(words[words.index("--options") + 1])
             found[Path(words[1]).stem, options.get("name", "")] = words[2:]
     return found
