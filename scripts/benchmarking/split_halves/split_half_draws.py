@@ -132,7 +132,9 @@ def list_solve_arguments(folder: Path) -> Iterator[list[str]]:
     command = [str(snakemake), "-s", str(ROOT / "Snakefile"), "-d", str(folder), "--cores", "1"]
     command += ["-n", "-F", "--printshellcmds", "--quiet", "host"]
     run = subprocess.run(command, capture_output=True, text=True, check=True)
-    for line in re.findall(r"^Shell command: .*?(python \S*solve\.py .*)$", run.stdout + run.stderr, re.M):
+    for line in re.findall(
+        r"^Shell command: .*?(python \S*solve\.py .*)$", run.stdout + run.stderr, re.M
+    ):
         yield shlex.split(line.rsplit(" 2> ", 1)[0])[2:]
 
 
