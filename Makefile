@@ -1,6 +1,10 @@
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-rest test-all lint benchmark benchmark-quick split-halves faults lock clean
+.PHONY: help setup demo calibrate test test-rest test-all lint benchmark benchmark-quick split-halves faults lock clean
 .DELETE_ON_ERROR:
+# To recipes as a variable of the shell: neither make nor the shell reads a command in its text.
+override DIR := $(value DIR)
+export DIR
+CORES ?= 4
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -14,6 +18,13 @@ setup: .venv/.installed ## make .venv from requirements.txt (every target does s
 demo: .venv/.installed ## make recordings with known truth in demo/ and calibrate them
 	.venv/bin/python scripts/simulate.py demo --rig demo
 	.venv/bin/snakemake -d demo --cores 2
+
+calibrate: .venv/.installed ## calibrate the recordings of a folder: DIR=folder (ARGS=preflight: only check the logs)
+	@test -d "$$DIR" || { echo "make calibrate: no folder DIR=$$DIR" >&2; exit 1; }
+	@for path in "$$DIR/.snakemake" "$$DIR/.snakemake/log"; do test ! -L "$$path" || \
+		{ echo "make calibrate: $$path is a symbolic link; remove it" >&2; exit 1; }; done
+	.venv/bin/snakemake -s "$(CURDIR)/Snakefile" -d "$$DIR" \
+		--workflow-profile "$(CURDIR)/profiles/default" --cores $(CORES) $(ARGS)
 
 test: .venv/.installed ## run the fast tests, at most 8 minutes on two cores
 	.venv/bin/python -m pytest -m "not slow and not real"

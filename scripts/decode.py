@@ -62,6 +62,7 @@ def build_log_audit(
         "faults": [*log.read_errors, *describe_unreadable_messages(decoded)],
         "topics": {k: {"type": t, "messages": n} for k, (t, n) in sorted(log.topics.items())},
         "mocap": mocap,
+        "replaced_names": log.names.describe_replaced(),
         "clock_steps": [
             step
             for name, clock in sorted(clocks.items())
@@ -85,8 +86,8 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _log_audit(audit: dict[str, Any]) -> None:
-    """Log the faults of a log, what was inferred of its sensors, and failed statuses."""
-    for fault in audit["faults"]:
+    """Log faults and replaced names of a log, what was inferred of it, and failed statuses."""
+    for fault in audit["faults"] + audit["replaced_names"]:
         logger.warning("%s", fault)
     for step in audit["clock_steps"]:
         logger.warning("%s. %s", step["text"], step["remedy"])

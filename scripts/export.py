@@ -3,7 +3,8 @@
 Reads   calibration.json, verdict.json; frames.parquet and placements.parquet of all sessions;
         guess.json (for lenses from the log) and views.parquet of all their sensors; the URDF to
         patch, if there is one
-Writes  export/*, unless the verdict is fail; earlier exports are removed first.
+Writes  export/*, unless the verdict is fail; earlier exports are removed first. A folder that holds
+        other files is refused.
         The next file of history/, unless the calibration is the newest one there.
         The origins of the sensors' joints in the URDF, with a backup beside it
 """
@@ -18,9 +19,9 @@ import numpy as np
 from calib.export.accepted_calibrations import accept_calibration
 from calib.export.calibrated_scene import ExportScene, ExportSession
 from calib.export.export_readme import README_FILE_NAME, render_export_readme
-from calib.export.formats.format_registry import FORMATS
+from calib.export.formats.format_registry import FORMATS, is_export_file
 from calib.export.scene_from_calibration import build_export_scene, build_export_session
-from calib.io.atomic_files import atomic_folder, remove_folder
+from calib.io.atomic_files import atomic_folder, create_file, remove_folder
 from calib.io.parquet_tables import read_table
 from calib.io.stage_cli import StageArgumentParser, logger, read_json, run_stage
 from calib.io.status import InputError, Status
@@ -89,9 +90,13 @@ def write_export_files(folder: Path, scene: ExportScene) -> dict[str, dict[str, 
             data = content.encode() if isinstance(content, str) else content
             path = folder / file
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(data)
+            create_file(path, data)
             logger.info("wrote %s (%s, %d bytes)", file, name, len(data))
     return status_by_format
+
+
+def _is_own_file(name: str) -> bool:
+    return name == README_FILE_NAME or is_export_file(name)
 
 
 def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -111,7 +116,7 @@ def _parse_arguments(argv: Sequence[str] | None) -> argparse.Namespace:
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the stage."""
     args = _parse_arguments(argv)
-    remove_folder(args.output)
+    remove_folder(args.output, _is_own_file)
     calibration, verdict = read_json(args.calibration), read_json(args.verdict)
     if verdict["verdict"] == "fail":
         raise InputError(
@@ -121,10 +126,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     sessions = read_export_sessions(args, calibration)
     scene = build_export_scene(calibration, complete_lens_options(args), sessions)
     joints_by_urdf = patch_urdfs(args.urdf, scene)
-    with atomic_folder(args.output) as folder:
+    with atomic_folder(args.output, _is_own_file) as folder:
         status_by_format = write_export_files(folder, scene)
         readme = render_export_readme(scene, status_by_format, verdict, joints_by_urdf)
-        (folder / README_FILE_NAME).write_text(readme)
+        create_file(folder / README_FILE_NAME, readme.encode())
         name = accept_calibration(args.history, calibration)
     logger.info("accepted as %s/%s.json", args.history, name)
 

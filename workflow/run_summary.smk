@@ -19,7 +19,7 @@ def print_summary():
         if errors:
             print_lines(f"{rig}: STOPPED", *errors)
         elif preflight_requested and (home / "preflight.txt").exists():
-            print_lines((home / "preflight.txt").read_text())
+            print(escape_control_characters((home / "preflight.txt").read_text()), file=sys.stderr)
         elif (home / "verdict.json").exists():
             page = os.path.relpath(home / "report.html", os.environ.get("PWD", "."))
             print_lines(*rig_result_lines(rig, home), f"report: {page}")
@@ -31,7 +31,8 @@ def print_summary():
 
 def print_lines(*lines):
     """Print the first line, and the others indented below it."""
-    print(*map(escape_control_characters, lines), sep="\n  ", file=sys.stderr)
+    shown = (escape_control_characters(" ".join(line.splitlines())) for line in lines)
+    print(*shown, sep="\n  ", file=sys.stderr)
 
 
 def write_rigs_page(rigs):

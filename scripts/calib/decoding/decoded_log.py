@@ -13,6 +13,7 @@ from calib.io.logs.log_message import LogMessage
 from calib.io.logs.message_headers import header_stamp_ns, read_message_header
 from calib.io.logs.open_log import RecordedLog
 from calib.io.parquet_tables import Columns, empty_columns
+from calib.io.safe_names import NameGate
 from calib.io.status import InputError, guard_message_fields
 from calib.io.table_schemas import FRAMES_SCHEMA
 from calib.mocap.messages.pose_messages import POSE_READERS, read_poses
@@ -44,15 +45,18 @@ class DecodedLog:
     streams: poses of motion capture; frame_rows: one row per sensor message; probes: {sensor: what
     its first messages show}; static_transforms: {(parent, child): pose block}; frame_ids: {sensor:
     frame of its messages}; camera_info_topics: of which there was a CameraInfo; n_unreadable,
-    first_errors: {topic: number of unreadable messages} and {topic: why the first is unreadable}.
+    first_errors: {topic: number of unreadable messages} and {topic: why the first is unreadable};
+    names: the gate that all names of the log pass.
     """
 
-    def __init__(self, options: dict[str, Any]) -> None:
+    def __init__(self, options: dict[str, Any], names: NameGate | None = None) -> None:
         self.sensors = options["sensors"]
+        self.names = names or NameGate()
         self.streams = MocapStreams(
             map_frame=options["mocap"]["map"],
             bodies=options["bodies"],
             body_by_topic=mocap_topics(options["mocap"]),
+            names=self.names,
         )
         self._sensor_by_topic = {s["topic"]: name for name, s in sorted(self.sensors.items())}
         self.probes = {name: PROBE_BY_KIND[s["kind"]](s) for name, s in self.sensors.items()}
@@ -86,7 +90,7 @@ class DecodedLog:
         if message.type not in self.probes[name].message_types:
             return
         header = read_message_header(message)
-        self.frame_ids.setdefault(name, header.frame_id)
+        self.frame_ids.setdefault(name, self.names.admit(header.frame_id))
         row = FrameRow(
             sensor=name,
             stamp_ns=header_stamp_ns(header) or -1,
@@ -105,7 +109,7 @@ class DecodedLog:
                 self.probes[name].add_camera_info(message.content)
 
     def _add_static_transforms(self, message: LogMessage) -> None:
-        for pose in read_poses(message):
+        for pose in read_poses(message, self.names):
             edge = pose.parent, pose.body
             if not np.isfinite([*pose.xyz, *pose.quat]).all():
                 raise InputError(f"the transform from {edge[0]} to {edge[1]} is not finite")
@@ -124,7 +128,7 @@ def decode_log(log: RecordedLog, options: dict[str, Any]) -> DecodedLog:
     Static transforms are read first, and also from before from_s: they are sent only once, and they
     tell which frames are needed. So is a CameraInfo of which there is none after from_s.
     """
-    decoded, sensors = DecodedLog(options), options["sensors"].values()
+    decoded, sensors = DecodedLog(options, log.names), options["sensors"].values()
     camera_infos = {s["camera_info"] for s in sensors if "camera_info" in s}
     topics = {*mocap_topics(options["mocap"]), *(s["topic"] for s in sensors), *camera_infos}
     start_ns, end_ns = _log_time_bounds(log, options)

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from calib.io.logs.log_message import LogMessage, TopicInfo
+from calib.io.safe_names import plain_text
 from calib.io.status import OK, InputError, Status, failure_status
 from calib.sensors.camera import camera_info_reader
 from calib.sensors.camera.camera_info_reader import (
@@ -120,7 +121,9 @@ class CameraProbe:
         self.n_tried += 1
         try:
             image = message.content
-            self.encoding = getattr(image, "encoding", "") or getattr(image, "format", "")
+            self.encoding = plain_text(
+                getattr(image, "encoding", "") or getattr(image, "format", "")
+            )
             height, width = read_bgr(image).shape[:2]
             self.sizes_px.append((width, height))
         except InputError as error:

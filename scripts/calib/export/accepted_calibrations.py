@@ -13,6 +13,7 @@ import numpy as np
 
 from calib.io.atomic_files import write_file
 from calib.io.config import MAX_ABS_NUMBER
+from calib.io.safe_names import plain_text
 from calib.io.status import InputError
 
 # A number, or the 16 hexadecimal digits that earlier versions used.
@@ -72,7 +73,7 @@ def read_accepted_calibrations(folder: Path) -> list[AcceptedCalibration]:
         try:
             entries[path.stem] = _read_entry(path)
         except HistoryFileError as error:
-            problems.append(f"{path.name} {error}")
+            problems.append(f"{plain_text(path.name)} {error}")
     names, order_problems = _order_entries(entries)
     if problems or order_problems:
         raise InputError(
@@ -91,16 +92,18 @@ def _read_entry(path: Path) -> dict[str, Any]:
             raise HistoryFileError(f"has more than {MAX_ENTRY_BYTES} bytes")
         entry = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError) as error:
-        raise HistoryFileError(f"cannot be read ({error})") from error
+        raise HistoryFileError(f"cannot be read ({plain_text(str(error))})") from error
     if not isinstance(entry, dict) or set(entry) != ENTRY_KEYS:
         raise HistoryFileError("is no accepted calibration: expected {previous, calibration}")
     if not isinstance(entry["previous"], str | None):
-        raise HistoryFileError(f"follows {entry['previous']!r}, expected a name or null")
+        raise HistoryFileError(
+            f"follows {plain_text(repr(entry['previous']))}, expected a name or null"
+        )
     calibration = entry["calibration"]
     if not isinstance(calibration, dict) or not isinstance(calibration.get("sensors"), dict):
         raise HistoryFileError("holds no calibration with sensors")
     for name, sensor in calibration["sensors"].items():
-        _require_sensor(name, sensor)
+        _require_sensor(plain_text(name), sensor)
     return entry
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from calib.export.calibrated_scene import ExportScene, ExportSensor, ExportSession
 from calib.geometry.se3 import invert_pose
 from calib.io.pose_block import pose_from_config
-from calib.io.status import InputError
+from calib.io.safe_names import safe_name
+from calib.io.status import InputError, escape_control_characters
 from calib.sensors.camera.camera_model import CameraModel
 from calib.sensors.sensor_models import camera_from_config
 
@@ -31,7 +32,7 @@ def build_export_scene(
     parent, T_parent_robot = resolve_parent_frame(options, poses, frames)
     notes += rename_parent_duplicates(parent, frames, options)
     return ExportScene(
-        rig=calibration["rig"],
+        rig=safe_name(calibration["rig"]),
         parent_frame=parent,
         T_parent_robot=T_parent_robot,
         robot_body=strip_leading_slash(options["body"]),
@@ -54,7 +55,7 @@ def build_export_scene(
         notes=tuple(notes),
         max_views=options["export"]["max_views"],
         verdict=calibration["verdict"],
-        reasons=tuple(calibration["reasons"]),
+        reasons=tuple(map(_format_one_line, calibration["reasons"])),
     )
 
 
@@ -72,13 +73,20 @@ def _collect_missing_reasons(
 ) -> dict[str, str]:
     """Collect why sensors have no pose, by name."""
     return {
-        name: result["status"]["reason"] for name, result in results.items() if name not in poses
+        name: _format_one_line(result["status"]["reason"])
+        for name, result in results.items()
+        if name not in poses
     }
 
 
+def _format_one_line(text: str) -> str:
+    """Return a text as one line that every format can hold in a comment."""
+    return escape_control_characters(" ".join(text.split()))
+
+
 def strip_leading_slash(frame: str) -> str:
-    """Return the name of a frame as tf2 takes it."""
-    return frame.lstrip("/")
+    """Return the name of a frame as tf2 takes it; results in a folder may be a stranger's."""
+    return safe_name(frame.lstrip("/"))
 
 
 def assign_frame_names(message_frames: dict[str, str]) -> tuple[dict[str, str], list[str]]:

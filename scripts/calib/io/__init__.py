@@ -3,6 +3,7 @@
 status          status of what failed, and the errors that end a job
 stage_cli       command line, logging and JSON files of all stages
 config          config files, checked against their schemas and completed
+safe_names      names that logs and folders bring, in letters that ROS allows
 safe_yaml       bounded YAML loader
 session_parts   sessions that remounted_at_s cuts in two
 yaml_scalars    numbers and names that YAML 1.1 reads otherwise than people write them

@@ -6,6 +6,7 @@ path and the nearest known name.
 
 import copy
 import hashlib
+import re
 from collections.abc import Collection, Iterable, Iterator
 from functools import cache
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any, TypeAlias
 import jsonschema
 import yaml
 
+from calib.io.safe_names import plain_text, replace_rig_names, safe_name
 from calib.io.safe_yaml import load_yaml
 from calib.io.session_parts import cut_sessions
 from calib.io.status import InputError, did_you_mean
@@ -22,6 +24,8 @@ from calib.io.yaml_scalars import quoting_advice, read_number_text
 SCHEMA_FOLDER = Path(__file__).parents[3] / "workflow" / "schemas"
 MAX_MESSAGE_CHARS = 500  # a message may quote a wrong value, which may be long
 MAX_ABS_NUMBER = 1e18
+USER_FILE_KINDS = ("config", "rig", "target")
+LINE_BREAKING_PATTERN = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 # A target with a larger alignment_sigma is treated as one whose mount is unknown.
 UNKNOWN_MOUNT_SIGMA_M, UNKNOWN_MOUNT_SIGMA_DEG = 0.1, 20
 
@@ -99,6 +103,8 @@ def validate_and_complete(kind: str, instance: Any, file_name: str | Path) -> Co
         raise InputError(f"{file_name}: holds {type(instance).__name__}, expected keys and values")
     if kind == "config":
         _refuse_renamed_keys(instance, file_name)
+    if kind in USER_FILE_KINDS:
+        _require_one_line(instance, file_name)
     _require_finite(instance, file_name)
     found = DefaultsValidator(load_schema(kind)).iter_errors(instance)
     errors = sorted(found, key=lambda e: list(map(str, e.path)))
@@ -138,6 +144,23 @@ def _require_finite(value: Any, file_name: str | Path, key_path: tuple[str, ...]
         raise InputError(
             f"{file_name}: {'.'.join(key_path)}: {str(value)[:20]} is not a finite number below "
             f"{MAX_ABS_NUMBER:g}"
+        )
+
+
+def _require_one_line(value: Any, file_name: str | Path, key_path: str = "") -> None:
+    """Raise InputError for a key or text with line breaks or other control characters."""
+    items: Iterable[tuple[Any, Any]] = ()
+    if isinstance(value, dict):
+        items = value.items()
+    elif isinstance(value, list):
+        items = enumerate(value)
+    for key, part in items:
+        _require_one_line(str(key), file_name, key_path)
+        _require_one_line(part, file_name, f"{key_path}.{key}".lstrip("."))
+    if isinstance(value, str) and LINE_BREAKING_PATTERN.search(value):
+        raise InputError(
+            f'{file_name}: {key_path or "top level"}: "{plain_text(value)}" holds a line break or '
+            "another control character. Remove it."
         )
 
 
@@ -205,6 +228,7 @@ def _load_rig(path: str) -> Config:
     """Load a rig and check that its files exist and its exports name its own sensors."""
     stated = load_yaml(path)
     rig = validate_and_complete("rig", copy.deepcopy(stated), path)
+    replace_rig_names(rig)
     states_bias = "pose_bias_sigma" in stated.get("mocap", {})
     rig["mocap"].setdefault("use_measured_noise", not states_bias)
     export, sensors = rig["export"], rig["sensors"]
@@ -226,6 +250,7 @@ def _load_target(path: str) -> Config:
     A target whose mount is stated too loosely to find anything by it gets `mount: unknown`.
     """
     target = _load_and_validate("target", path)
+    target["body"] = safe_name(target["body"])
     sigma = target["alignment_sigma"]
     if target.get("pattern") and (
         sigma["xyz_m"] > UNKNOWN_MOUNT_SIGMA_M or sigma["rpy_deg"] > UNKNOWN_MOUNT_SIGMA_DEG
@@ -243,7 +268,7 @@ def _load_target(path: str) -> Config:
 def _require_valid_name(file: Path) -> None:
     """Raise InputError unless the stem of a file is a valid name."""
     for error in DefaultsValidator(load_schema("config")["$defs"]["name"]).iter_errors(file.stem):
-        raise InputError(_explain_error(error).replace("top level", str(file), 1))
+        raise InputError(_explain_error(error).replace("top level", plain_text(str(file)), 1))
 
 
 def _select_names(

@@ -43,10 +43,14 @@ class StageArgumentParser(argparse.ArgumentParser):
 
 
 class EscapingFormatter(logging.Formatter):
-    """Formatter that escapes control characters, because lines may hold names from a log."""
+    """Formatter that escapes control characters, because lines may hold names from a log.
+
+    Further lines of a message are indented: only the start of a message starts a line.
+    """
 
     def format(self, record: logging.LogRecord) -> str:
-        return escape_control_characters(super().format(record))
+        lines = escape_control_characters(super().format(record)).split("\n")
+        return "\n".join([lines[0], *(f"  {line.lstrip()}" for line in lines[1:])])
 
 
 def run_stage(main: Callable[[], None]) -> None:

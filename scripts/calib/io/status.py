@@ -93,7 +93,12 @@ def escape_control_characters(text: str) -> str:
 
     Names from a log or a config may hold any character.
     """
-    return "".join(c if category(c)[0] != "C" or c == "\n" else _escape_character(c) for c in text)
+    return "".join(c if c == "\n" or not _is_special(c) else _escape_character(c) for c in text)
+
+
+def _is_special(character: str) -> bool:
+    """Whether a character is a control or format character, or ends a line as \\n does."""
+    return category(character)[0] == "C" or category(character) in ("Zl", "Zp")
 
 
 def _escape_character(character: str) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from calib.geometry.frame_graph import Edge
 from calib.io.logs.log_message import LogMessage
 from calib.io.parquet_tables import Columns
+from calib.io.safe_names import NameGate
 from calib.mocap.messages.body_pose import MocapPose
 from calib.mocap.messages.pose_messages import read_poses
 
@@ -43,14 +44,18 @@ class MocapStreams:
 
     These are the streams of bodies in the map, of the wanted bodies, and of the frames that these
     are given in. body_by_topic: {topic: body}, None if the message names it; parents_by_body:
-    {body: frames that it was given in}.
+    {body: frames that it was given in}; names: the gate of the log.
     """
 
     def __init__(
-        self, map_frame: str, bodies: Collection[str], body_by_topic: dict[str, str | None]
+        self,
+        map_frame: str,
+        bodies: Collection[str],
+        body_by_topic: dict[str, str | None],
+        names: NameGate,
     ) -> None:
         self.map_frame, self.body_by_topic, self.bodies = map_frame, body_by_topic, bodies
-        self._wanted_frames = set(bodies)
+        self._wanted_frames, self._names = set(bodies), names
         self._streams: dict[tuple[str, Edge], PoseStream] = {}
         self.parents_by_body: dict[str, set[str]] = {}
 
@@ -70,7 +75,7 @@ class MocapStreams:
     def add_message(self, message: LogMessage) -> None:
         """Add the poses of a message; raises InputError if it cannot be read."""
         topic_body = self.body_by_topic.get(message.topic)
-        for pose in read_poses(message):
+        for pose in read_poses(message, self._names):
             body = pose.body if pose.is_multi_body else topic_body or pose.body or message.topic
             parent = pose.parent or self.map_frame
             self.parents_by_body.setdefault(body, set()).add(parent)

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from calib.export.calibrated_scene import ExportSession
 from calib.export.export_readme import README_FILE_NAME, render_export_readme
 from calib.export.formats import tf_static
-from calib.export.formats.format_registry import FORMATS
+from calib.export.formats.format_registry import FORMATS, is_export_file
 from calib.export.placement_views import (
     UNCOLORED_BGR,
     CameraView,
@@ -381,6 +381,19 @@ def test_every_text_names_its_convention_and_a_worked_point_that_is_so(name):
             continue
         assert " ".join(module.CONVENTION.split()) in " ".join(content.split()), file
         assert "the point (1, 0, 0) of " in content, file
+
+
+@pytest.mark.parametrize("name", sorted(FORMATS))
+def test_a_format_writes_only_files_that_a_later_run_may_remove(name):
+    session = ExportSession("anew", 5_000_000_000, np.eye(4), {}, {})
+    _, shown = described(sessions={"anew": session})
+    for file, content in FORMATS[name].render_files(shown).items():
+        assert isinstance(content, Status) or is_export_file(file)
+
+
+def test_files_of_others_are_no_export_files():
+    for name in ("notes.txt", "README.md", "sub/opencv.yaml", "koide3/a/calib.json", "../a.mcap"):
+        assert not is_export_file(name)
 
 
 def test_a_worked_point_is_that_of_the_pose():

@@ -7,6 +7,7 @@ To add a format: write calib/export/formats/<name>.py and add it to FORMATS;
 tests/unit/export/test_formats.py then asks for a reader of it.
 """
 
+from fnmatch import fnmatchcase
 from typing import Protocol
 
 from calib.export.calibrated_scene import ExportScene
@@ -32,6 +33,8 @@ class ExportFormat(Protocol):
 
     TITLE: str
     """What the files are and who loads them."""
+    FILE_PATTERNS: tuple[str, ...]
+    """Names of the files (fnmatch), so that a later run may remove them."""
     CONVENTION: str
     """Which way the transforms go, in one line for README.md and the files."""
 
@@ -54,3 +57,12 @@ FORMATS: dict[str, ExportFormat] = {
     "autoware": autoware,
     "foxglove": foxglove,
 }
+
+
+def is_export_file(name: str) -> bool:
+    """Return whether a format writes a file of this path, relative to the folder of exports."""
+    return any(
+        fnmatchcase(name, pattern) and name.count("/") == pattern.count("/")
+        for export_format in FORMATS.values()
+        for pattern in export_format.FILE_PATTERNS
+    )

@@ -22,6 +22,7 @@ from calib.io.logs.mcap_index import (
     read_mcap_index,
 )
 from calib.io.logs.message_types import MessageCodec, MessageTypes, full_type_name
+from calib.io.safe_names import NameGate
 from calib.io.status import InputError, summarize_error
 
 NO_SCHEMA_TYPE = "without schema"
@@ -64,6 +65,7 @@ class McapLog:
         )
         self.files = [path for _, path in indexes]
         self.topics: dict[str, TopicInfo] = {}
+        self.names = NameGate()
         self.temporary_folder: TemporaryDirectory[str] | None = None
         self._damaged_pieces: set[tuple[int, int]] = set()  # file_index, byte_offset
         self._too_large_pieces: dict[tuple[int, int], str] = {}  # why, by the same
@@ -111,15 +113,17 @@ class McapLog:
         out = {}
         for number, channel in sorted(index.channels.items()):
             schema = index.schemas.get(channel.schema_id)
-            name = full_type_name(schema.name) if schema else NO_SCHEMA_TYPE
-            earlier = self.topics.get(channel.topic, TopicInfo(name, 0))
+            admit = self.names.admit
+            topic = admit(channel.topic)
+            name = admit(full_type_name(schema.name)) if schema else NO_SCHEMA_TYPE
+            earlier = self.topics.get(topic, TopicInfo(name, 0))
             n_messages = earlier.n_messages + index.counts.get(number, 0)
-            self.topics[channel.topic] = TopicInfo(name, n_messages)
+            self.topics[topic] = TopicInfo(name, n_messages)
             if schema:
                 text = bytes(schema.data).decode(errors="replace")
                 self._types.add_definition(name, schema.encoding, text)
             codec = self._types.make_codec(name, channel.message_encoding)
-            out[number] = _Channel(channel.topic, codec)
+            out[number] = _Channel(topic, codec)
         return out
 
     def _wanted_channels(self, topics: Iterable[str]) -> list[set[int]]:

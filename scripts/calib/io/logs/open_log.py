@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Protocol
 
 from calib.io.logs.bounded.decompression import COMPRESSED_SUFFIXES, decompress_files
+from calib.io.safe_names import NameGate, plain_text
 from calib.io.safe_yaml import load_yaml
 from calib.io.status import InputError
 
@@ -28,11 +29,13 @@ class RecordedLog(Protocol):
     """A recording, whatever its container.
 
     files: its files, in order; topics: by name; start_ns: log time of the first message;
-    read_errors: what could not be read up to now; temporary_folder: of decompressed files.
+    names: the gate that its names passed; read_errors: what could not be read up to now;
+    temporary_folder: of decompressed files.
     """
 
     files: list[Path]
     topics: dict[str, "TopicInfo"]
+    names: NameGate
     start_ns: int
     temporary_folder: TemporaryDirectory[str] | None
 
@@ -87,6 +90,7 @@ def find_log_files(log_config: str | list[str]) -> list[Path]:
     if len(paths) == 1 and paths[0].is_dir():
         paths = _find_files_in_folder(paths[0])
     for path in paths:
+        _require_plain_path(path)
         if WILDCARD_NAME.search(str(path)):
             raise InputError(
                 f"{path}: Snakemake reads names in braces as wildcards. Rename the file or folder "
@@ -102,6 +106,15 @@ def find_log_files(log_config: str | list[str]) -> list[Path]:
                 f"{', '.join(sorted(LOG_OPENERS))}. Run `ros2 bag convert` or `mcap convert`."
             )
     return paths
+
+
+def _require_plain_path(path: Path) -> None:
+    """Raise InputError if the path holds a line break or another control character."""
+    if not str(path).isprintable():
+        raise InputError(
+            f"{plain_text(str(path))}: a path with characters that cannot be shown. Rename the "
+            "file or folder."
+        )
 
 
 def _expand_name(name: str) -> list[Path]:
@@ -150,6 +163,7 @@ def _read_metadata_names(metadata: Path) -> list[str]:
 def _require_metadata_file(folder: Path, name: str) -> Path:
     """Return the file of a name in metadata.yaml; raises InputError if it does not exist."""
     path = folder / name
+    _require_plain_path(path)
     if not path.is_file():
         raise InputError(
             f"{path}: no such log, but {folder / 'metadata.yaml'} lists it. Copy it there, or "

@@ -13,6 +13,7 @@ from rosbags.interfaces import Connection, MessageDefinitionFormat
 from calib.geometry.units import NS_PER_S
 from calib.io.logs.log_message import LogMessage, TopicInfo, missing_message_error
 from calib.io.logs.message_types import MessageCodec, MessageTypes, full_type_name
+from calib.io.safe_names import NameGate, safe_name
 from calib.io.status import InputError, summarize_error
 
 DEFINITION_FORMATS = {
@@ -42,6 +43,7 @@ class RosbagsLog:
         self.files = [path for path, _ in opened]
         self._readers = [reader for _, reader in opened]
         self.topics: dict[str, TopicInfo] = {}
+        self.names = NameGate()
         self.temporary_folder: TemporaryDirectory[str] | None = None
         self.read_errors: list[str] = []
         self._types = MessageTypes(str(self.files[0]))
@@ -62,10 +64,10 @@ class RosbagsLog:
                 raise InputError(
                     f"{self.files[0]}: its table of topics is damaged. Record it again."
                 )
-            name = full_type_name(c.msgtype)
+            topic, name = map(self.names.admit, (c.topic, full_type_name(c.msgtype)))
             self._types.add_definition(name, DEFINITION_FORMATS.get(c.msgdef.format), c.msgdef.data)
-            earlier = self.topics.get(c.topic, TopicInfo(name, 0))
-            self.topics[c.topic] = TopicInfo(earlier.type, earlier.n_messages + c.msgcount)
+            earlier = self.topics.get(topic, TopicInfo(name, 0))
+            self.topics[topic] = TopicInfo(earlier.type, earlier.n_messages + c.msgcount)
             out[c.id] = self._types.make_codec(name, find_serialisation(c))
         return out
 
@@ -89,7 +91,7 @@ class RosbagsLog:
             for connection, log_time_ns, data in raw_messages:
                 if log_time_ns != last_ns:
                     counts, last_ns = Counter(), int(log_time_ns)
-                topic = connection.topic
+                topic = safe_name(connection.topic)
                 yield LogMessage(
                     topic=topic,
                     file_index=file_index,
@@ -112,7 +114,7 @@ class RosbagsLog:
         self, file_index: int, topics: set[str], start_ns: int | None, end_ns: int | None
     ) -> Iterable[tuple[Connection, int, bytes]]:
         reader = self._readers[file_index]
-        wanted = [c for c in reader.connections if c.topic in topics]
+        wanted = [c for c in reader.connections if safe_name(c.topic) in topics]
         # rosbags takes an empty list as all connections.
         return reader.messages(wanted, start_ns, end_ns) if wanted else ()
 

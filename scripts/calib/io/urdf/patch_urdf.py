@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.io.atomic_files import atomic_write
+from calib.io.atomic_files import atomic_write, require_no_link, require_no_link_above
 from calib.io.status import InputError
 from calib.io.urdf.sensor_joints import MountedSensor, SensorJoints, compute_joint_origins
 from calib.io.urdf.urdf_file import read_urdf_joints, replace_joint_origins, urdf_backup_path
@@ -20,8 +20,10 @@ def patch_urdf(path: Path, sensors: Iterable[MountedSensor], parent_frame: str) 
 
     The file as it was before the first calibration is kept as a backup beside it. The file is
     replaced in one step, after the new bytes have been read back. Raises InputError if no sensor
-    can be placed in it.
+    can be placed in it, or if the path is a symbolic link.
     """
+    require_no_link(path)
+    require_no_link_above(path)
     path = path.resolve()
     data = path.read_bytes()
     joints = read_urdf_joints(data, path)

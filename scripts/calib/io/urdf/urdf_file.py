@@ -13,6 +13,7 @@ from xml.parsers import expat
 import numpy as np
 
 from calib.geometry.se3 import pose_from_rpy, pose_to_rpy
+from calib.io.safe_names import plain_text, safe_name
 from calib.io.status import InputError
 
 XML_START_TAG = re.compile(rb"<(?:[^<>\"']|\"[^\"]*\"|'[^']*')*>")
@@ -58,7 +59,9 @@ def read_urdf_joints(data: bytes, file_name: str | Path) -> list[UrdfJoint]:
     except expat.ExpatError as error:
         raise InputError(f"{file_name}: not valid XML: {error}") from None
     if parser.root != "robot":
-        raise InputError(f"{file_name}: its root is <{parser.root}>, expected <robot>")
+        raise InputError(
+            f"{file_name}: its root is <{plain_text(str(parser.root))}>, expected <robot>"
+        )
     joints = [_make_joint(data, element, file_name) for element in parser.elements]
     children = [j.child for j in joints]
     duplicates = sorted({c for c in children if children.count(c) > 1})
@@ -100,7 +103,9 @@ def _make_joint(data: bytes, element: _JointElement, file_name: str | Path) -> U
     T_parent_child, pose_error = None, ""
     parent, child = (element.parts.get(key, ({}, 0))[0].get("link") for key in ("parent", "child"))
     if parent is None or child is None:
-        raise InputError(f"{file_name}: joint {name!r} has no parent link or no child link")
+        raise InputError(
+            f"{file_name}: joint {safe_name(name)} has no parent link or no child link"
+        )
     try:
         T_parent_child = _parse_origin(origin)
     except ValueError as error:
@@ -111,10 +116,10 @@ def _make_joint(data: bytes, element: _JointElement, file_name: str | Path) -> U
         _, end = _find_tag_span(data, "joint", element.byte_offset, file_name)
         span = end, end
     return UrdfJoint(
-        name=name,
-        type=element.attributes.get("type", ""),
-        parent=parent,
-        child=child,
+        name=safe_name(name),
+        type=plain_text(element.attributes.get("type", "")),
+        parent=safe_name(parent),
+        child=safe_name(child),
         T_parent_child=T_parent_child,
         pose_error=pose_error,
         origin_byte_span=span,
@@ -126,15 +131,15 @@ def _parse_origin(origin: Mapping[str, str]) -> np.ndarray:
     plain numbers."""
     unknown = sorted(set(origin) - {"xyz", "rpy"})
     if unknown:
-        raise ValueError(f"its origin has {unknown[0]} beside xyz and rpy")
+        raise ValueError(f"its origin has {safe_name(unknown[0])} beside xyz and rpy")
     values = []
     for key in ("xyz", "rpy"):
         text = origin.get(key, "0 0 0")
         if "$" in text:
-            raise ValueError(f"its origin is an expression of xacro, {key}={text!r}")
+            raise ValueError(f"its origin is an expression of xacro, {key}='{plain_text(text)}'")
         numbers = [float(word) for word in text.split()]
         if len(numbers) != 3 or not np.isfinite(numbers).all():
-            raise ValueError(f"its origin has {key}={text!r}, expected three numbers")
+            raise ValueError(f"its origin has {key}='{plain_text(text)}', expected three numbers")
         values.append(numbers)
     return pose_from_rpy(*values)
 

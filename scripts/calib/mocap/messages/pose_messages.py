@@ -7,6 +7,7 @@ to POSE_READERS.
 from typing import Any, Protocol
 
 from calib.io.logs.log_message import LogMessage
+from calib.io.safe_names import NameGate
 from calib.io.status import InputError, summarize_error
 from calib.mocap.messages.body_pose import MocapPose
 from calib.mocap.messages.named_bodies import read_named_poses, read_rigid_bodies
@@ -42,11 +43,14 @@ POSE_READERS: dict[str, PoseReader] = {
 }
 
 
-def read_poses(message: LogMessage) -> list[MocapPose]:
-    """Return the poses of a message of a type in POSE_READERS; raises InputError if unreadable."""
+def read_poses(message: LogMessage, names: NameGate) -> list[MocapPose]:
+    """Return the poses of a message of a type in POSE_READERS; raises InputError if unreadable.
+
+    names: the gate that the names of frames and bodies pass.
+    """
     content = message.content
     try:
-        return [_check_pose(pose) for pose in POSE_READERS[message.type](content)]
+        return [_check_pose(pose, names) for pose in POSE_READERS[message.type](content)]
     except (AttributeError, TypeError, ValueError, OverflowError) as error:
         raise InputError(
             f"a message of {message.type} does not have the fields of that type "
@@ -54,10 +58,15 @@ def read_poses(message: LogMessage) -> list[MocapPose]:
         ) from error
 
 
-def _check_pose(pose: MocapPose) -> MocapPose:
-    """Return the pose if its fields have the types and ranges they should have."""
+def _check_pose(pose: MocapPose, names: NameGate) -> MocapPose:
+    """Return the pose with safe names if its fields have the types and ranges they should have."""
     if not (isinstance(pose.parent, str) and isinstance(pose.body, str)):
         raise TypeError("names that are not text")
     if pose.stamp_ns is not None and not -MAX_STAMP_NS < pose.stamp_ns < MAX_STAMP_NS:
         raise ValueError("a stamp out of range")
-    return pose._replace(xyz=tuple(map(float, pose.xyz)), quat=tuple(map(float, pose.quat)))
+    return pose._replace(
+        parent=names.admit(pose.parent),
+        body=names.admit(pose.body),
+        xyz=tuple(map(float, pose.xyz)),
+        quat=tuple(map(float, pose.quat)),
+    )

@@ -5,7 +5,7 @@ from typing import Any
 from calib.io.logs.message_headers import header_stamp_ns
 from calib.mocap.messages.body_pose import MocapPose
 
-LOCAL_PARENT = "its parent segment"  # of a pose whose translation_type is Local
+LOCAL_PARENT = "parent_segment"  # of a pose whose translation_type is Local
 
 
 def read_vicon_position(content: Any) -> list[MocapPose]:

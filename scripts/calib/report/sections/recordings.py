@@ -82,11 +82,12 @@ def tabulate_mocap_bodies(audit: dict[str, Any], options: dict[str, Any]) -> lis
 
 
 def list_log_notes(audit: dict[str, Any], mocap_notes: Sequence[str] = ()) -> list[tuple[str, str]]:
-    """Return (subject, note) on a log: unreadable parts, clock and repairs of each topic.
+    """Return (subject, note) on a log: unreadable parts, names, clock and repairs of each topic.
 
     mocap_notes: on the noise of motion capture at rest.
     """
     notes = [("parts of the log are unreadable", fault) for fault in audit.get("faults", [])]
+    notes += [("a name is replaced", line) for line in audit.get("replaced_names", [])]
     for step in audit.get("clock_steps", []):
         notes.append(("a clock stepped", f"{step['text']}. {step['remedy']}"))
     for topic, block in audit.get("mocap", {}).items():

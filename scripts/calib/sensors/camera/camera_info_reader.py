@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from calib.io.safe_names import plain_text
 from calib.io.status import failure_status
 
 CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
@@ -63,7 +64,7 @@ def camera_block_from_info(message: Any, rectified: bool) -> tuple[dict[str, Any
     Binning and region of interest are those of the message. Raises CameraInfoError if there is no
     such block.
     """
-    name = message.distortion_model.strip().lower()
+    name = plain_text(message.distortion_model.strip().lower())
     K = np.reshape(_read_field(message, "k"), (3, 3))
     P = np.reshape(_read_field(message, "p"), (3, 4))
     matrix = P[:, :3] if rectified else K

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from calib.io.safe_names import plain_text
 from calib.io.status import MessageError
 from calib.sensors.camera.images.pixel_encodings import PIXEL_ENCODINGS, to_eight_bits
 
@@ -34,7 +35,9 @@ def read(message: Any) -> np.ndarray:
     # Orientation tags are ignored: calibrated pixels are those of the sensor.
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise MessageError(f"an image of format {message.format!r} that cannot be decoded")
+        raise MessageError(
+            f"an image of format '{plain_text(message.format)}' that cannot be decoded"
+        )
     return _to_bgr(image, name)
 
 
@@ -60,7 +63,7 @@ def _check_image_file(data: bytes, format_name: str) -> None:
 
 
 def _describe_unknown_format(format_name: str) -> str:
-    text = f"an image of format {format_name!r} that is neither JPEG nor PNG"
+    text = f"an image of format '{plain_text(format_name)}' that is neither JPEG nor PNG"
     if any(v in format_name.lower() for v in VIDEO_FORMATS):
         return f"{text}. Republish the video as images, record those, and name their topic."
     return text

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.io.safe_names import plain_text
 from calib.io.status import MessageError
 from calib.sensors.camera.images.pixel_encodings import PIXEL_ENCODINGS, PixelEncoding
 
@@ -16,7 +17,7 @@ def read(message: Any) -> np.ndarray:
     encoding = PIXEL_ENCODINGS.get(message.encoding)
     if encoding is None:
         raise MessageError(
-            f"image encoding {message.encoding} is not supported; expected one of "
+            f"image encoding {plain_text(message.encoding)} is not supported; expected one of "
             f"{', '.join(PIXEL_ENCODINGS)}. Convert the topic with image_proc and record it again."
         )
     # Foxglove's are always little-endian.
@@ -33,8 +34,8 @@ def _unpad_pixels(message: Any, encoding: PixelEncoding, dtype: np.dtype) -> np.
     # The last row may lack its padding.
     if not rows * row_bytes or step < row_bytes or (rows - 1) * step + row_bytes > len(data):
         raise MessageError(
-            f"an image of {width} x {message.height} px, {message.encoding}, with rows of {step} "
-            f"bytes and {len(data)} in all; the message is damaged"
+            f"an image of {width} x {message.height} px, {plain_text(message.encoding)}, with "
+            f"rows of {step} bytes and {len(data)} in all; the message is damaged"
         )
     data = np.ascontiguousarray(data)
     lines = np.lib.stride_tricks.as_strided(data, (rows, row_bytes), (step, 1), writeable=False)

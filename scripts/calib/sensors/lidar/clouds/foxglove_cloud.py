@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from calib.io.logs.message_headers import header_stamp_ns
+from calib.io.safe_names import safe_name
 from calib.io.status import MessageError
 from calib.sensors.lidar.clouds.pointcloud2 import PointField, make_point_dtype, unpad_cloud_rows
 from calib.sensors.lidar.clouds.raw_cloud import RawCloud, make_raw_cloud
@@ -16,7 +17,8 @@ def read(message: Any) -> RawCloud:
     """Return all points, in the message's frame; raises MessageError if it is damaged."""
     step = message.point_stride
     fields = [
-        PointField(f.name, f.offset, FOXGLOVE_FIELD_DTYPES.get(f.type)) for f in message.fields
+        PointField(safe_name(f.name), f.offset, FOXGLOVE_FIELD_DTYPES.get(f.type))
+        for f in message.fields
     ]
     dtype = make_point_dtype(fields, "<", step)
     shape = 1, len(message.data) // step

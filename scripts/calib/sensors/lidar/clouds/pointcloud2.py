@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from calib.io.logs.message_headers import header_stamp_ns
+from calib.io.safe_names import safe_name
 from calib.io.status import MessageError
 from calib.sensors.lidar.clouds.raw_cloud import RawCloud, make_raw_cloud
 
@@ -24,7 +25,8 @@ def read(message: Any) -> RawCloud:
     """Return all beams; raises MessageError if x, y, z or the points themselves are missing."""
     order = ">" if message.is_bigendian else "<"
     fields = [
-        PointField(f.name, f.offset, POINT_FIELD_DTYPES.get(f.datatype)) for f in message.fields
+        PointField(safe_name(f.name), f.offset, POINT_FIELD_DTYPES.get(f.datatype))
+        for f in message.fields
     ]
     dtype = make_point_dtype(fields, order, message.point_step)
     shape = message.height, message.width
