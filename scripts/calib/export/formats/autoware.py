@@ -14,7 +14,7 @@ from calib.io.status import Status
 from calib.io.urdf.sensor_joints import T_BODY_OPTICAL
 
 TITLE = "sensor_kit_calibration.yaml of Autoware; its parent is meant to be sensor_kit_base_link"
-FILE_PATTERNS = ("sensor_kit_calibration.yaml",)
+FILE_PATTERNS: tuple[str, ...] = ("sensor_kit_calibration.yaml",)
 CONVENTION = (
     "x y z roll pitch yaw map points of the named frame into the parent, R = Rz(yaw) Ry(pitch) "
     "Rx(roll); metres, radians; camera_link has x forward, y left, z up"

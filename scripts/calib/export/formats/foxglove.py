@@ -45,7 +45,7 @@ TITLE = (
     "into the images (3D panel: /<target>/points, /<target>/<lidar>/points; image panel: "
     "/<target>/<camera>/projected)"
 )
-FILE_PATTERNS = ("foxglove_*.mcap",)
+FILE_PATTERNS: tuple[str, ...] = ("foxglove_*.mcap",)
 CONVENTION = (
     "clouds lie in the frames of their sensors, targets in the parent's; each transform of "
     "/tf_static maps points of child_frame_id into header.frame_id; metres"

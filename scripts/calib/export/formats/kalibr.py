@@ -17,7 +17,7 @@ from calib.io.status import Status, failure_status
 from calib.sensors.camera.camera_model import CameraModel
 
 TITLE = "the cameras for Kalibr and what reads its camchains"
-FILE_PATTERNS = ("camchain.yaml",)
+FILE_PATTERNS: tuple[str, ...] = ("camchain.yaml",)
 CONVENTION = (
     "T_cn_cnm1 (4 x 4) maps points of the camera before into this one's frame; intrinsics fu fv pu "
     "pv (ds: xi alpha first); pixel (0, 0) is the centre of the first pixel"

@@ -13,7 +13,7 @@ from calib.geometry.se3 import invert_pose, pose_to_quat
 from calib.io.status import Status, failure_status
 
 TITLE = "calib.json of direct_visual_lidar_calibration, a folder for every lidar and camera"
-FILE_PATTERNS = ("koide3/*/*/calib.json",)
+FILE_PATTERNS: tuple[str, ...] = ("koide3/*/*/calib.json",)
 CONVENTION = (
     "T_lidar_camera, x y z qx qy qz qw, maps points of the camera's frame into the lidar's; metres"
 )

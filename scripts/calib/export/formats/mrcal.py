@@ -14,7 +14,7 @@ from calib.geometry.se3 import invert_pose, so3_log
 from calib.io.status import Status, failure_status
 
 TITLE = "cameras for mrcal"
-FILE_PATTERNS = ("*.cameramodel",)
+FILE_PATTERNS: tuple[str, ...] = ("*.cameramodel",)
 CONVENTION = (
     "extrinsics are rt_cam_ref, a rotation vector and a translation that map points of the "
     "reference frame into the camera's; radians, metres"

@@ -13,7 +13,7 @@ from calib.io.status import Status, failure_status
 from calib.sensors.camera.camera_model import CameraModel
 
 TITLE = "poses and intrinsics for cv::FileStorage"
-FILE_PATTERNS = ("opencv.yaml",)
+FILE_PATTERNS: tuple[str, ...] = ("opencv.yaml",)
 CONVENTION = (
     "T_parent_sensor (4 x 4) maps points of the sensor's frame into parent; for cv::projectPoints "
     "take its inverse; metres, pixels"

@@ -10,7 +10,7 @@ from calib.io.logs.ros_messages import FrameTransform
 from calib.io.status import Status
 
 TITLE = "a launch file with one static_transform_publisher for every frame (`ros2 launch <file>`)"
-FILE_PATTERNS = ("static_transforms.launch.xml",)
+FILE_PATTERNS: tuple[str, ...] = ("static_transforms.launch.xml",)
 CONVENTION = (
     "each maps points of child-frame-id into frame-id, p_parent = R p_child + (x y z); metres, "
     "quaternions x y z w"

@@ -10,7 +10,7 @@ from calib.io.logs.ros_messages import FrameTransform
 from calib.io.status import Status
 
 TITLE = "static transforms as ROS 2 messages write them (TransformStamped)"
-FILE_PATTERNS = ("static_transforms.yaml",)
+FILE_PATTERNS: tuple[str, ...] = ("static_transforms.yaml",)
 CONVENTION = (
     "each maps points of child_frame_id into frame_id, p_parent = R(rotation) p_child + "
     "translation; metres, quaternions x y z w"

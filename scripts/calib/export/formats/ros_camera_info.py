@@ -17,7 +17,7 @@ from calib.sensors.camera.camera_info_writer import RosIntrinsics, find_ros_intr
 from calib.sensors.camera.camera_model import CameraModel
 
 TITLE = "intrinsics for camera_info_manager (camera_info_url: file://…)"
-FILE_PATTERNS = ("camera_info_*.yaml",)
+FILE_PATTERNS: tuple[str, ...] = ("camera_info_*.yaml",)
 CONVENTION = "pixel (0, 0) is the centre of the first pixel; x right, y down, z forward; raw images"
 
 

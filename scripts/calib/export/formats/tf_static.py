@@ -11,7 +11,7 @@ from calib.io.logs.ros_messages import FrameTransform
 from calib.io.status import Status
 
 TITLE = "/tf_static to open beside a recording, in Foxglove or with `ros2 bag play`; latched"
-FILE_PATTERNS = ("tf_static_*.mcap",)
+FILE_PATTERNS: tuple[str, ...] = ("tf_static_*.mcap",)
 CONVENTION = (
     "each transform maps points of child_frame_id into header.frame_id, p_parent = R(rotation) "
     "p_child + translation; metres, quaternions x y z w"

@@ -8,7 +8,7 @@ from calib.io.status import Status
 from calib.io.urdf.urdf_file import origin_attributes
 
 TITLE = "a URDF of the sensors alone, to look at or to copy joints from"
-FILE_PATTERNS = ("sensors.urdf",)
+FILE_PATTERNS: tuple[str, ...] = ("sensors.urdf",)
 CONVENTION = (
     "the origin of a joint maps points of its child link into its parent link, "
     "R = Rz(yaw) Ry(pitch) Rx(roll) of rpy; metres, radians"

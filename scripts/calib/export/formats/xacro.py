@@ -13,7 +13,7 @@ TITLE = (
     'a xacro macro: include it and write <xacro:calibrated_sensors/>, with parent="…" where your '
     "link has another name"
 )
-FILE_PATTERNS = ("sensors.urdf.xacro",)
+FILE_PATTERNS: tuple[str, ...] = ("sensors.urdf.xacro",)
 CONVENTION = urdf.CONVENTION
 XACRO_NAMESPACE = "http://www.ros.org/wiki/xacro"
 PLAIN_NAME_PATTERN = re.compile(r"[\w/.-]+")
