@@ -306,12 +306,12 @@ def test_a_write_that_fails_leaves_the_file_whole(tmp_path, monkeypatch):
     assert path.read_text() == ROBOT and len(list(tmp_path.iterdir())) == 1
 
 
-def test_a_link_to_the_file_stays_a_link(tmp_path):
+def test_a_link_to_the_file_is_refused_and_the_file_stays(tmp_path):
     (tmp_path / "real.urdf").write_text(ROBOT)
     (tmp_path / "robot.urdf").symlink_to("real.urdf")
-    patch_file(tmp_path / "robot.urdf", described(velodyne=T_BASE_LIDAR))
-    assert (tmp_path / "robot.urdf").is_symlink()
-    assert (tmp_path / "real.urdf").read_text() != ROBOT
+    with pytest.raises(InputError, match="robot.urdf: a symbolic link to real.urdf"):
+        patch_file(tmp_path / "robot.urdf", described(velodyne=T_BASE_LIDAR))
+    assert (tmp_path / "real.urdf").read_text() == ROBOT
 
 
 # --- in the pipeline

@@ -14,7 +14,7 @@ import numpy as np
 
 from calib.geometry.se3 import pose_from_rpy, pose_to_rpy
 from calib.io.safe_names import plain_text, safe_name
-from calib.io.status import InputError
+from calib.io.status import InputError, escape_control_characters
 
 XML_START_TAG = re.compile(rb"<(?:[^<>\"']|\"[^\"]*\"|'[^']*')*>")
 JOINT_PARTS = ("parent", "child", "origin")
@@ -104,7 +104,7 @@ def _make_joint(data: bytes, element: _JointElement, file_name: str | Path) -> U
     parent, child = (element.parts.get(key, ({}, 0))[0].get("link") for key in ("parent", "child"))
     if parent is None or child is None:
         raise InputError(
-            f"{file_name}: joint {safe_name(name)} has no parent link or no child link"
+            f"{file_name}: joint '{safe_name(name)}' has no parent link or no child link"
         )
     try:
         T_parent_child = _parse_origin(origin)
@@ -136,10 +136,14 @@ def _parse_origin(origin: Mapping[str, str]) -> np.ndarray:
     for key in ("xyz", "rpy"):
         text = origin.get(key, "0 0 0")
         if "$" in text:
-            raise ValueError(f"its origin is an expression of xacro, {key}='{plain_text(text)}'")
+            raise ValueError(
+                f"its origin is an expression of xacro, {key}='{escape_control_characters(text)}'"
+            )
         numbers = [float(word) for word in text.split()]
         if len(numbers) != 3 or not np.isfinite(numbers).all():
-            raise ValueError(f"its origin has {key}='{plain_text(text)}', expected three numbers")
+            raise ValueError(
+                f"its origin has {key}='{escape_control_characters(text)}', expected three numbers"
+            )
         values.append(numbers)
     return pose_from_rpy(*values)
 
