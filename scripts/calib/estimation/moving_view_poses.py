@@ -19,6 +19,7 @@ from calib.mocap.body_trajectory import (
     target_trajectories,
 )
 from calib.mocap.moving_pose_fit import MovingView, fit_local_motion
+from calib.mocap.placements import single_pose_covariance
 from calib.views.pose_selection import space_evenly
 
 MAX_KEYPOINTS_PER_VIEW = 400  # more do not improve its pose between two motion capture samples
@@ -72,11 +73,14 @@ def make_moving_placement(
     # The bias of the motion capture is neither constant nor new in every view. It counts twice:
     # once for all views, so that many determine a pose no better than one placement, and per view.
     robot_bias, body_bias = np.maximum(bias, path.slow_sigma)
+    sample_sigma = np.sqrt(np.diag(single_pose_covariance(motion.T_robot_body, white)))
+    unresolved = motion.unresolved_motion(sample_sigma)
+    pose_sigma = np.hypot(motion.sigma_factor * white, np.maximum(robot_bias, body_bias))
     view = MovingView(
         sensor=sensor,
         stamp_ns=time_ns,
         trajectory=path.trajectory,
-        sigma=np.hypot(motion.sigma_factor * white, np.maximum(robot_bias, body_bias)),
+        sigma=np.hypot(pose_sigma, unresolved),
         separate_trajectories=path.separate_trajectories,
     )
     return Placement(

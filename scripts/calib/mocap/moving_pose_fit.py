@@ -11,19 +11,31 @@ from calib.mocap.body_trajectory import SeparateTrajectories, Trajectory, relati
 
 LAG_WINDOW_NS = NS_PER_S  # to each side of a view, within which poses are used
 FIT_REACH_SAMPLES = 4.5  # to each side of a time, from which pose and velocity are fitted
+# The samples may miss the fitted motion by this many of their σ, and by this, m and rad.
+MAX_MISFIT_SIGMA, MAX_MISFIT = 3.0, 1e-4
 
 
 class LocalMotion(NamedTuple):
     """Motion of a target around a time.
 
     T_robot_body: pose (4, 4) at that time; velocity (6,), per s, and acceleration (6,), per s²: of
-    its right twist; sigma_factor: σ of the pose over that of one sample.
+    its right twist; sigma_factor: σ of the pose over that of one sample; misfit: (6,) m and rad, by
+    which the samples miss the motion.
     """
 
     T_robot_body: np.ndarray
     velocity: np.ndarray
     acceleration: np.ndarray
     sigma_factor: float
+    misfit: np.ndarray
+
+    def unresolved_motion(self, sample_sigma: np.ndarray) -> np.ndarray:
+        """Return the σ (6,) of the pose by motion between the samples; 0 where these tell it.
+
+        sample_sigma: (6,) of one sample. Samples that are far apart miss how a body speeds up.
+        """
+        expected = np.maximum(MAX_MISFIT_SIGMA * sample_sigma, MAX_MISFIT)
+        return np.where(self.misfit > expected, self.misfit, 0.0)
 
     def deskew(
         self, xyz: np.ndarray, delays_s: np.ndarray, T_robot_sensor: np.ndarray
@@ -63,9 +75,18 @@ def fit_local_motion(trajectory: Trajectory, time_ns: int) -> LocalMotion | None
     T = poses[np.abs(s).argmin()]
     # A second time around the fitted pose: velocities are then those of the pose itself.
     for _ in range(2):
-        shift, velocity, half_acceleration = H @ se3_log(invert_pose(T) @ poses)
-        T = T @ se3_exp(shift)
-    return LocalMotion(T, velocity, 2 * half_acceleration, float(np.sqrt(np.sum(H[0] ** 2))))
+        xi = se3_log(invert_pose(T) @ poses)
+        fitted = H @ xi
+        T = T @ se3_exp(fitted[0])
+    missed = weight[:, None] * (xi - s[:, None] ** [0, 1, 2] @ fitted)
+    share = len(times) / (len(times) - 3) / np.sum(weight**2)
+    return LocalMotion(
+        T_robot_body=T,
+        velocity=fitted[1],
+        acceleration=2 * fitted[2],
+        sigma_factor=float(np.sqrt(np.sum(H[0] ** 2))),
+        misfit=np.sqrt(share * np.sum(missed**2, axis=0)),
+    )
 
 
 @dataclass(frozen=True)
