@@ -29,7 +29,7 @@ from calib.io.atomic_files import write_file
 from calib.sensors.lidar.lidar_model import LidarModel
 
 LIDARS_ALONE = ", lidars alone"
-LIMITS = {"max_rounds": 30, "tolerance_m": 1e-6, "tolerance_rad": 1e-6}  # a hundredth of σ
+LIMITS = {"tolerance_m": 1e-6, "tolerance_rad": 1e-6}  # a hundredth of σ and less
 
 
 @dataclass(frozen=True)

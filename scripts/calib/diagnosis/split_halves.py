@@ -27,8 +27,7 @@ from calib.geometry.se3 import invert_pose, se3_log
 
 MIN_HALF_PLACEMENTS = 4  # of a sensor in each half: with fewer, it is not compared
 SEED = 7
-# Halves are compared to a hundredth of their σ: their estimates end earlier than the result's.
-MAX_HALF_ROUNDS, MIN_HALF_TOLERANCE = 30, 1e-6  # m, rad
+MIN_HALF_TOLERANCE = 1e-6  # m, rad: halves are compared to a hundredth of their σ
 
 Rest = list[int]  # placements of one rest of the robot, by index
 
@@ -84,7 +83,7 @@ def estimate_halves(
 def _limits_of_halves(limits: dict[str, Any]) -> dict[str, Any]:
     """Return the limits of estimate_poses for halves; limits: those for all placements."""
     tolerances = {k: max(limits[k], MIN_HALF_TOLERANCE) for k in ("tolerance_m", "tolerance_rad")}
-    return limits | tolerances | {"max_rounds": min(limits["max_rounds"], MAX_HALF_ROUNDS)}
+    return limits | tolerances
 
 
 def split_placements(setup: Setup, seed: int = SEED) -> tuple[list[int], list[int]]:
