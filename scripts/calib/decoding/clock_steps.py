@@ -124,7 +124,7 @@ def clock_steps_json(name: str, steps: ClockSteps, log_start_ns: int) -> list[di
         at_s = (time_ns - log_start_ns) / NS_PER_S
         text = (
             f"{name}: log time minus stamp jumped by {size_ns / NS_PER_S * MS_PER_S:+.0f} ms at "
-            f"{at_s:.1f} s, a clock was set. Later stamps are shifted by that"
+            f"{at_s:.1f} s of the log: a clock was set. Later stamps are corrected by that"
         )
         remedy = (
             "Make two sessions of this log, one with "

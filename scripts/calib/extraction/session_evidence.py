@@ -7,9 +7,15 @@ from typing import Any
 import numpy as np
 
 from calib.extraction.mistakes.mistake_search import find_mistake, find_other_pattern
-from calib.extraction.mistakes.sightings import CameraSightings, LidarSightings, Sightings
+from calib.extraction.mistakes.sightings import (
+    BlobSightings,
+    CameraSightings,
+    LidarSightings,
+    Sightings,
+)
 from calib.extraction.mistakes.stated_setup import StatedSetup
 from calib.geometry.se3 import mean_pose
+from calib.initial_guess.camera_from_blobs import BlobView, read_blob
 from calib.initial_guess.initial_guess import SOURCE_DATA
 from calib.initial_guess.session_search import SessionSearch
 from calib.io.status import Status
@@ -45,7 +51,7 @@ def explain_lost_agreement(
     mounts = mounts_from_guess(options["targets"], guess_json)
     targets = {n: target_from_config(options["targets"][n]) for n in target_names}
     if options["sensor"]["kind"] == "camera":
-        targets = {name: target for name, target in targets.items() if target.pattern}
+        targets = _select_visible_targets(targets)
         if not set(targets) & set(mounts):
             return _find_other_pattern(session, targets, guess_json)
     targets = {name: target for name, target in targets.items() if name in mounts}
@@ -59,6 +65,12 @@ def explain_lost_agreement(
         stated, samples, read_frame, options["guess"]
     )
     return find_mistake(stated, sightings, options["guess"]["min_placements"])
+
+
+def _select_visible_targets(targets: dict[str, TargetShape]) -> dict[str, TargetShape]:
+    """Return the targets with a pattern; if none has one, those with a colour."""
+    patterned = {name: target for name, target in targets.items() if target.pattern}
+    return patterned or {name: target for name, target in targets.items() if target.color}
 
 
 def _find_other_pattern(
@@ -130,6 +142,8 @@ def _read_camera(
     options: dict[str, Any],
 ) -> tuple[StatedSetup, Sightings]:
     """Read images that may show a pattern, one placement of each target after the other."""
+    if not any(target.pattern for target in stated.targets.values()):
+        return _read_blobs(stated, samples, read_frame, options)
     kept: list[FrameSample] = []
     images: list[np.ndarray] = []
     for sample, image in read_samples(_in_turn(samples), read_frame):
@@ -141,6 +155,26 @@ def _read_camera(
         if len(images) >= options["max_pattern_images"]:
             break
     return replace(stated, images=tuple(images)), CameraSightings(kept, options)
+
+
+def _read_blobs(
+    stated: StatedSetup,
+    samples: list[FrameSample],
+    read_frame: FrameReader,
+    options: dict[str, Any],
+) -> tuple[StatedSetup, Sightings]:
+    """Read images that show a coloured body, one placement of each target after the other."""
+    blobs: list[BlobView] = []
+    images: list[np.ndarray] = []
+    for sample, image in read_samples(_in_turn(samples), read_frame):
+        color = stated.targets[sample.target].color
+        features = None if color is None else read_blob(color, image)
+        if features is not None and (not images or image.shape[:2] == images[0].shape):
+            blobs.append(BlobView(sample, features))
+            images.append(to_grey(image))
+        if len(blobs) >= options["max_pattern_images"]:
+            break
+    return replace(stated, images=tuple(images)), BlobSightings(blobs, options)
 
 
 def _in_turn(samples: list[FrameSample]) -> list[FrameSample]:

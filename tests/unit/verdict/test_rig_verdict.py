@@ -122,7 +122,7 @@ def test_an_outline_100_mm_too_long_does_not_pass_and_is_named():
     assert {edge for edge, _, _ in said} == {"2", "4"}
     for _, off, sigma in said:
         assert float(off) == pytest.approx(50, abs=3 * float(sigma)) and float(sigma) < 1
-    assert "measure the sides of board" in found[0]["remedy"]
+    assert "Measure the sides of board" in found[0]["remedy"]
 
 
 def test_cylinders_with_parallel_axes_fail_however_many_there_are():

@@ -124,9 +124,11 @@ def _explain_by_found_pose(
     stated: StatedSetup, sightings: Sightings, min_placements: int
 ) -> Explanation | None:
     """Return the pose that the detections agree on with all else as stated, wherever it is."""
-    consensus = sightings.agree(stated)
+    if stated.T_robot_sensor is None:
+        return None
+    consensus = sightings.agree(replace(stated, T_robot_sensor=None))
     T = consensus.T_robot_sensor
-    if stated.T_robot_sensor is None or T is None:
+    if T is None:
         return None
     if not _is_enough(consensus, sightings, min_placements):
         return None

@@ -5,6 +5,7 @@ stated pose. A kind of sensor is one class that follows the protocol Sightings, 
 SIGHTINGS.
 """
 
+from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple, Protocol
 
@@ -12,14 +13,25 @@ import numpy as np
 
 from calib.extraction.mistakes.stated_setup import StatedSetup
 from calib.geometry.se3 import invert_pose, mean_pose, transform_points
+from calib.initial_guess.camera_from_blobs import (
+    MAX_BLOB_MISFIT,
+    BlobView,
+    blob_misfit,
+    count_required_blobs,
+    find_best_blob_pose,
+    fit_blob_pose,
+)
 from calib.initial_guess.camera_from_patterns import solve_pattern_poses
 from calib.initial_guess.candidate_matches import CandidateMatches, make_match
 from calib.initial_guess.lidar_candidates import ShapeSignature, find_candidates, thin_scan
-from calib.initial_guess.lidar_matching import refine_match_pose
+from calib.initial_guess.lidar_matching import match_pose, refine_match_pose
 from calib.initial_guess.pose_voting import PoseTolerance, is_decisive, vote_for_pose
 from calib.sensors.camera.camera_model import CameraModel
 from calib.targets.target_shapes import TargetShape
 from calib.views.initial_guess_frames import FrameSample
+
+# Median misfit of blobs at a stated pose, in sizes of a blob, beyond which no fit starts there.
+MAX_START_MISFIT = 3.0
 
 
 class Consensus(NamedTuple):
@@ -91,6 +103,50 @@ class CameraSightings:
         return [] if uv is None else solve_pattern_poses(camera, pattern.target, uv)
 
 
+class BlobSightings:
+    """Coloured bodies in whole images.
+
+    They are compared near the stated pose; without one, a pose that fits most of them is searched.
+    """
+
+    description = "the coloured body"
+    min_share = 0.7
+
+    def __init__(self, blobs: list[BlobView], options: dict[str, Any]) -> None:
+        self._blobs, self._n_required = blobs, count_required_blobs(options)
+
+    def agree(self, setup: StatedSetup) -> Consensus:
+        blobs, camera = [self._with_setup(blob, setup) for blob in self._blobs], setup.model
+        nothing = Consensus(None, 0, len(blobs), np.zeros(6))
+        if not isinstance(camera, CameraModel) or len(blobs) < self._n_required:
+            return nothing
+        T = setup.T_robot_sensor
+        if T is None:
+            T = find_best_blob_pose(camera, setup.targets, blobs).T_robot_camera
+        elif np.median(self._misfit(setup, blobs, T)) > MAX_START_MISFIT:
+            return nothing
+        if T is None:
+            return nothing
+        fit = fit_blob_pose(camera, setup.targets, blobs, T)
+        n = int((self._misfit(setup, blobs, fit.T_robot_camera) < MAX_BLOB_MISFIT).sum())
+        return Consensus(fit.T_robot_camera, n, len(blobs), fit.sigma * np.sqrt(max(n, 1)))
+
+    @staticmethod
+    def _with_setup(blob: BlobView, setup: StatedSetup) -> BlobView:
+        """Return a blob with the pose of its target, and mirrored if the images are."""
+        sample, features = blob
+        T = setup.T_robot_body[sample.placement] @ setup.mounts[sample.target]
+        if setup.is_mirrored:
+            u, v, uu, uv, vv = features
+            features = np.array([setup.images[0].shape[1] - 1 - u, v, uu, -uv, vv])
+        return BlobView(replace(sample, T_robot_target=T), features)
+
+    @staticmethod
+    def _misfit(setup: StatedSetup, blobs: list[BlobView], T: np.ndarray) -> np.ndarray:
+        assert isinstance(setup.model, CameraModel)
+        return np.abs(blob_misfit(setup.model, setup.targets, blobs, T)).max(1)
+
+
 class _Image:
     """An image, or its mirror image; equal if it is the same array."""
 
@@ -122,7 +178,10 @@ class _Pattern:
 
 
 class LidarSightings:
-    """Things like the targets in whole scans; they are compared near the stated pose."""
+    """Things like the targets in whole scans.
+
+    They are compared near the stated pose; without one, a pose that fits most of them is searched.
+    """
 
     description = "a thing like the target"
     min_share = 0.5
@@ -134,7 +193,8 @@ class LidarSightings:
         setup: StatedSetup,
         options: dict[str, Any],
     ) -> None:
-        self._samples, self._tolerance = samples, PoseTolerance.from_options(options)
+        self._samples, self._options = samples, options
+        self._tolerance = PoseTolerance.from_options(options)
         self._signatures = {n: ShapeSignature.from_target(t) for n, t in setup.targets.items()}
         lidar: Any = setup.model
         self._candidates = [
@@ -149,11 +209,14 @@ class LidarSightings:
         ]
 
     def agree(self, setup: StatedSetup) -> Consensus:
-        matches = self.match(setup)
+        matches, T, reach = self.match(setup), setup.T_robot_sensor, self._reach(setup)
         n_found = len(np.unique(matches.placement))
-        if setup.T_robot_sensor is None or n_found == 0:
+        if T is None and n_found:
+            found = match_pose(matches, len(self._samples), self.description, self._options)
+            T, reach = found.value, self._tolerance
+        if T is None or n_found == 0:
             return Consensus(None, 0, n_found, np.zeros(6))
-        refined = refine_match_pose(matches, setup.T_robot_sensor, self._reach(setup))
+        refined = refine_match_pose(matches, T, reach)
         rows = refined.rows
         if len(rows) < 2:
             return Consensus(None, len(rows), n_found, np.zeros(6))

@@ -10,7 +10,14 @@ from calib.extraction.mistakes.pose_corrections import describe_pose
 from calib.extraction.mistakes.sightings import LidarSightings
 from calib.extraction.mistakes.stated_setup import StatedSetup
 from calib.geometry.polygon import signed_polygon_distance
-from calib.geometry.se3 import invert_pose, make_pose, pose_from_rpy, so3_exp
+from calib.geometry.se3 import (
+    invert_pose,
+    make_pose,
+    pose_from_rpy,
+    pose_from_xyz_quat,
+    pose_to_quat,
+    so3_exp,
+)
 from calib.sensors.lidar.lidar_model import LidarModel
 from calib.targets.board import Board
 from calib.views.initial_guess_frames import FrameSample
@@ -35,6 +42,11 @@ def scan_of(T_lidar_plate):
     on_plate = (ranges > 0) & (signed_polygon_distance(PLATE.vertices, flat) < 0)
     noise = 0.005 * np.random.default_rng(0).normal(size=on_plate.sum())
     return points[on_plate] + noise[:, None] * rays[on_plate]
+
+
+def with_rolled_quaternion(T):
+    """A pose whose quaternion w, x, y, z is read as x, y, z, w."""
+    return pose_from_xyz_quat(T[:3, 3], np.roll(pose_to_quat(T), 1))
 
 
 @pytest.fixture(scope="module")
@@ -84,3 +96,15 @@ def test_an_inverted_mount_is_named_by_a_lidar(seen):
     wrong = replace(stated, mounts={"plate": invert_pose(T_BODY_PLATE)})
     status = find_mistake(wrong, sightings, 3)
     assert "T_body_target of plate" in status.reason and "its inverse" in status.reason
+
+
+@pytest.mark.slow
+def test_without_a_stated_pose_a_lidar_tells_the_order_of_quaternions(seen):
+    """The motion capture's quaternions are read in the wrong order; the right one is the other."""
+    stated, sightings = seen
+    unposed = replace(stated, T_robot_sensor=None)
+    assert find_mistake(unposed, sightings, 3) is None
+    read_wrongly = {k: with_rolled_quaternion(T) for k, T in stated.T_robot_body.items()}
+    wrong = replace(unposed, T_robot_body=read_wrongly, other_quaternions=stated.T_robot_body)
+    status = find_mistake(wrong, sightings, 3)
+    assert status.remedy == "Set mocap.quaternions of the rig to wxyz."

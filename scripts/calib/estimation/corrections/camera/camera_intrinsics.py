@@ -215,6 +215,6 @@ def find_parameter_index(camera: CameraModel, parameter: str) -> int:
 def lens_remedy(name: str) -> str:
     """Say what to do about a lens that is not as its params state."""
     return (
-        "set solve.estimate.intrinsics: true, or calibrate the lens again at the focus and image "
-        f"size of the recording, with a model that fits it, for the params of {name}"
+        "set solve.estimate.intrinsics: true; or calibrate the lens again, at the focus and image "
+        f"size of the recording, and write its model and params to sensors.{name}"
     )
