@@ -58,6 +58,9 @@ faults: .venv/.installed ## measure what faults of recordings and the advice on 
 	PYTHONPATH=scripts:tests OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 .venv/bin/python -m helpers.fault_catalog.fault_table faults
 	PYTHONPATH=scripts .venv/bin/python -m benchmarking.fault_matrix.fault_matrix faults/matrix
 
+preflight-agreement: .venv/.installed ## compare preflight with whole runs on 200 random configs
+	PYTHONPATH=scripts:tests OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 .venv/bin/python -m helpers.preflight_configs preflight-agreement
+
 lock: .venv/.installed ## resolve requirements.in into requirements.txt (UPGRADE=--upgrade: newest versions)
 	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes \
 		--no-emit-index-url --no-header $(UPGRADE) requirements.in -o requirements.txt
