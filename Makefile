@@ -1,5 +1,5 @@
 .DEFAULT_GOAL := help
-.PHONY: help setup demo calibrate test test-rest test-all lint benchmark benchmark-quick split-halves faults lock clean
+.PHONY: help setup demo calibrate test test-rest test-all lint benchmark benchmark-quick split-halves faults preflight-agreement lock clean
 .DELETE_ON_ERROR:
 # To recipes as a variable of the shell: neither make nor the shell reads a command in its text.
 override DIR := $(value DIR)
@@ -68,5 +68,5 @@ lock: .venv/.installed ## resolve requirements.in into requirements.txt (UPGRADE
 	sed -n '/^# development/q; s/^\([^#]*[^# ]\).*/      - \1/p' requirements.in >>workflow/envs/calib.yaml
 
 clean: ## remove caches and the demo's files
-	rm -rf demo benchmark split_halves faults .pytest_cache .ruff_cache .mypy_cache .hypothesis .setup.log
+	rm -rf demo benchmark split_halves faults preflight-agreement .pytest_cache .ruff_cache .mypy_cache .hypothesis .setup.log
 	find scripts tests -name __pycache__ -prune -exec rm -rf {} +
