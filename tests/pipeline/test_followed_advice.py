@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from helpers.small_run import edit_yaml, run_snakemake, simulate_into
+from benchmarking.fault_matrix.row_measurement import apply_change
+from helpers.small_run import run_snakemake, simulate_into
 
 pytestmark = [pytest.mark.pipeline, pytest.mark.slow]
 
@@ -31,18 +32,6 @@ def judged(folder):
     return verdict, errors
 
 
-def follow(folder, change):
-    """Write what a finding advises into the config."""
-
-    def set_key(content):
-        *path, last = change["key"].split(".")
-        for key in path:
-            content = content.setdefault(key, {})
-        content[last] = change["value"]
-
-    edit_yaml(folder / change["file"], set_key)
-
-
 def test_a_knock_of_the_markers_is_calibrated_by_its_own_advice(tmp_path):
     """A knock of 18 mm and 0.8° after the fourth of nine placements."""
     folder = simulate_into(
@@ -52,7 +41,7 @@ def test_a_knock_of_the_markers_is_calibrated_by_its_own_advice(tmp_path):
     first = verdict["findings"][0]
     assert verdict["verdict"] != "pass" and first["check"] == "suspected_error"
     assert first["change"]["key"] == "sessions.sim.remounted_at_s"
-    follow(folder, first["change"])
+    apply_change(folder, first["change"])
     verdict, errors = judged(folder)
     assert verdict["verdict"] == "pass", verdict["reasons"]
     assert max(errors.values()) < 4, errors
