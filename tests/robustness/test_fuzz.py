@@ -20,7 +20,7 @@ from calib.io.config import load_config, validate_and_complete
 from calib.io.safe_yaml import load_yaml
 from calib.io.status import InputError
 
-CASES = 500
+CASES = 167 * len(case_runner.CASE_KINDS)
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +40,11 @@ def test_cases_of_every_kind_end_in_every_way_so_that_they_reach_what_they_are_t
     for kind in ("damaged log", "hostile log"):
         assert ends[kind, "result"] >= 5 and ends[kind, "warning"] >= 20
     assert ends["damaged log", "refused"] >= 20
+    for kind in ("chunks and index", "SQLite schema", "template header", "history"):
+        assert ends[kind, "refused"] >= 20
+    for kind in ("SQLite schema", "template header", "history"):
+        assert ends[kind, "result"] >= 3
+    assert ends["definition", "warning"] >= 50
     assert ends["config", "result"] >= 3 and ends["config", "refused"] >= 50
 
 
@@ -52,6 +57,16 @@ def test_a_case_is_the_same_for_the_same_seed_and_another_for_another():
     first, again, other = (run_fuzz_batch([0, 2], seed)[1] for seed in (3, 3, 4))
     assert (first.end, first.message) == (again.end, again.message)
     assert first.message != other.message
+
+
+def test_a_case_that_changes_a_file_beside_its_folder_is_called_broken(monkeypatch):
+    def reach_out(folder, rng):
+        (folder.parent / "outside" / "deep" / "kept.txt").write_text("changed")
+        return ""
+
+    monkeypatch.setitem(case_runner.CASE_KINDS, next(iter(case_runner.CASE_KINDS)), reach_out)
+    outcome = case_runner.run_fuzz_case(0, seed=0)
+    assert outcome.end == "broken" and "changed files outside of its folder" in outcome.message
 
 
 def test_a_case_that_breaks_or_hangs_is_called_broken(tmp_path, monkeypatch):

@@ -10,12 +10,13 @@ from mcap.stream_reader import MAGIC_SIZE, StreamReader
 from mcap.summary import Summary
 
 from calib.geometry.units import NS_PER_S
-from calib.io.logs.bounded.decompression import TooLargeError
+from calib.io.logs.bounded.decompression import MAX_UNPACKED_BYTES, TooLargeError
 from calib.io.logs.bounded.mcap_chunks import (
     BoundedFile,
     McapPiece,
     iter_chunk_records,
     read_chunk_sizes,
+    require_bounded_unpacking,
 )
 from calib.io.status import InputError, summarize_error
 
@@ -69,6 +70,8 @@ def read_mcap_index(path: Path) -> McapIndex:
             index = _index_from_summary(reader.get_summary(), stream)
         except MemoryError:
             raise
+        except TooLargeError as error:
+            raise InputError(f"{path}: {error}. Record it again with smaller chunks.") from error
         except Exception as error:  # as above
             summary_error = summarize_error(error)
         return index or _index_from_scan(stream, path, summary_error)
@@ -94,6 +97,8 @@ def _index_from_summary(summary: Summary | None, stream: BoundedFile) -> McapInd
     if not is_complete:
         return None
     sizes = read_chunk_sizes(stream, chunks)
+    admitted = [size for size in sizes.values() if size <= MAX_UNPACKED_BYTES]
+    require_bounded_unpacking(sum(admitted), stream.size)
     pieces = [
         McapPiece(
             start_ns=c.message_start_time,
@@ -117,6 +122,7 @@ def _index_from_scan(stream: BoundedFile, path: Path, summary_error: str) -> Mca
     """
     index, offset, n_damaged, end_error = McapIndex(), MAGIC_SIZE, 0, "its end is missing"
     too_large: list[str] = []
+    n_unpacked = 0
     stream.seek(0)
     try:
         for record in StreamReader(stream, emit_chunks=True).records:
@@ -124,6 +130,9 @@ def _index_from_scan(stream: BoundedFile, path: Path, summary_error: str) -> Mca
                 end_error = ""
                 break
             start, offset = offset, stream.tell()
+            if isinstance(record, Chunk) and record.uncompressed_size <= MAX_UNPACKED_BYTES:
+                n_unpacked += record.uncompressed_size
+                require_bounded_unpacking(n_unpacked, stream.size)
             try:
                 _add_record(index, record, start, offset - start)
             except MemoryError:

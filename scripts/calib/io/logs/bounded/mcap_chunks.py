@@ -1,8 +1,8 @@
 """Chunks of an MCAP file, read within bounds of memory and time.
 
 A chunk of a few kB can unpack to gigabytes or to millions of messages. Memory here is bounded by
-MAX_UNPACKED_BYTES and MAX_CHUNK_MESSAGES, and the work by the bytes that a chunk takes in its file:
-each message costs at least one of them.
+MAX_UNPACKED_BYTES and MAX_CHUNK_MESSAGES, and the work by the bytes that chunks take in their file:
+each message costs some of them, and each of them unpacks to a limited number.
 """
 
 import io
@@ -25,7 +25,10 @@ from calib.io.logs.bounded.decompression import (
 )
 
 MAX_CHUNK_MESSAGES = 1 << 18  # a recorder's chunk of 4 MB holds at most 1 << 17
-FREE_CHUNK_MESSAGES = 1 << 10  # whatever the size of the chunk
+# Messages differ at least in their times, so none packs into one byte.
+MIN_MESSAGE_BYTES, FREE_CHUNK_MESSAGES = 2, 1 << 8
+# Of all chunks of a file; images of one colour pack 10 000 times.
+FREE_UNPACKED_BYTES, MAX_UNPACKED_PER_BYTE = 1 << 31, 512
 _RECORD_HEAD = struct.Struct("<BQ")  # opcode, length
 # Opcode, length, log time of the first and of the last message, unpacked bytes.
 _CHUNK_HEAD = struct.Struct("<BQQQQ")
@@ -96,7 +99,9 @@ def iter_chunk_records(chunk: Chunk) -> Iterator[McapRecord]:
     Raises TooLargeError if there are more messages than allowed.
     """
     slices, n_messages = SliceStream(decompress_chunk(chunk)), 0
-    max_messages = min(MAX_CHUNK_MESSAGES, FREE_CHUNK_MESSAGES + len(chunk.data))
+    max_messages = min(
+        MAX_CHUNK_MESSAGES, FREE_CHUNK_MESSAGES + len(chunk.data) // MIN_MESSAGE_BYTES
+    )
     try:
         # StreamReader only calls read(), which SliceStream has.
         stream = cast(IO[bytes], slices)
@@ -152,3 +157,13 @@ def read_chunk_sizes(stream: BoundedFile, chunks: list[ChunkIndex]) -> dict[int,
         if found != [Opcode.CHUNK, length, chunk.message_start_time, chunk.message_end_time]:
             raise McapError(f"it differs from the chunk at byte {offset}")
     return sizes
+
+
+def require_bounded_unpacking(n_unpacked_bytes: int, n_file_bytes: int) -> None:
+    """Raise TooLargeError if the chunks of a file unpack to more than its size allows."""
+    limit = FREE_UNPACKED_BYTES + MAX_UNPACKED_PER_BYTE * n_file_bytes
+    if n_unpacked_bytes > limit:
+        raise TooLargeError(
+            f"its chunks unpack to more than {limit / 1e9:.1f} GB, the most for its "
+            f"{n_file_bytes} bytes"
+        )

@@ -9,6 +9,7 @@ from mcap.records import Schema
 
 from benchmarking.fuzzing.crafted_mcap import CraftedMcap, make_chunk
 from calib.io.logs import ros_messages
+from calib.io.logs.bounded import mcap_chunks
 from calib.io.logs.bounded.mcap_chunks import MAX_CHUNK_MESSAGES
 from calib.io.logs.open_log import open_log
 from calib.io.logs.ros_messages import TF_TYPE
@@ -146,3 +147,18 @@ def test_finding_messages_again_takes_a_time_that_does_not_grow_with_the_chunks(
     begin = time.process_time()
     assert all(len(log._find_pieces(0, n * MS)) == 1 for n in range(1000))
     assert time.process_time() - begin < 0.5
+
+
+@pytest.mark.parametrize("with_index", [True, False], ids=["index", "no index"])
+def test_many_small_chunks_that_unpack_to_gigabytes_are_refused_before_that(
+    tmp_path, cost, monkeypatch, with_index
+):
+    monkeypatch.setattr(mcap_chunks, "FREE_UNPACKED_BYTES", 1 << 24)
+    path = crafted(*(span(n, n, n=1, size=1 << 20) for n in range(100))).write(tmp_path / "a.mcap")
+    if not with_index:
+        path.write_bytes(path.read_bytes()[:-40])
+        assert len(times(open_log(str(path)))) < 60
+        assert "unpack to more than" in open_log(str(path)).read_errors[0]
+        return
+    with pytest.raises(InputError, match="a.mcap: its chunks unpack to more than 0.0 GB"):
+        open_log(str(path))
