@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarking.fault_matrix.row_measurement import apply_change
-from helpers.small_run import run_snakemake, simulate_into
+from helpers.small_run import run_to_completion, simulate_into
 
 pytestmark = [pytest.mark.pipeline, pytest.mark.slow]
 
@@ -18,7 +18,7 @@ LOG = (
 
 def judged(folder):
     """Verdict, and by sensor the largest error of the pose in its σ, m or rad."""
-    run_snakemake(folder, "results/sim/verdict.json")
+    run_to_completion(folder, "results/sim/verdict.json")
     verdict = json.loads((folder / "results/sim/verdict.json").read_text())
     found = json.loads((folder / "results/sim/calibration.json").read_text())["sensors"]
     true = json.loads((folder / "truth.json").read_text())["sensors"]

@@ -199,7 +199,7 @@ def _read_lidar(
     options: dict[str, Any],
 ) -> tuple[StatedSetup, Sightings]:
     """Read a scan of every placement."""
-    found = [(sample, scan[0].astype(float)) for sample, scan in read_samples(samples, read_frame)]
+    found = [(sample, scan.xyz.astype(float)) for sample, scan in read_samples(samples, read_frame)]
     kept, scans = [sample for sample, _ in found], [xyz for _, xyz in found]
     return stated, LidarSightings(kept, scans, stated, options)
 

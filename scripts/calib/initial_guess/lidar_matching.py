@@ -69,9 +69,9 @@ def find_lidar_pose(
     """
     signatures = {name: ShapeSignature.from_target(target) for name, target in targets.items()}
     rows: list[CandidateMatch] = []
-    for number, (sample, (xyz, _, _)) in enumerate(read_samples(samples, read_frame)):
+    for number, (sample, scan) in enumerate(read_samples(samples, read_frame)):
         target, signature = targets[sample.target], signatures[sample.target]
-        points = thin_scan(lidar, xyz.astype(float))
+        points = thin_scan(lidar, scan.xyz.astype(float))
         for candidate in find_candidates(lidar, target, signature, points, options):
             rows.append(make_match(candidate, signature, sample.T_robot_target, number))
     matches = CandidateMatches.from_rows(rows)

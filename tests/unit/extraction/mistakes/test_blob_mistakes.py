@@ -58,6 +58,7 @@ def test_a_right_config_of_a_camera_that_sees_a_pipe_has_no_mistake(seen):
     assert find_mistake(*seen, 3) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
@@ -81,6 +82,7 @@ def test_an_inverted_mount_is_named_by_the_pipe_alone(seen):
     assert "T_body_target of pipe" in status.reason and "its inverse" in status.reason
 
 
+@pytest.mark.slow
 def test_without_a_stated_pose_the_pipe_tells_it(seen):
     """The right pose to 1 mm and 0.1 degrees, at all places."""
     stated, sightings = seen

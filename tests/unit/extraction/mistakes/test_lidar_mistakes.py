@@ -18,6 +18,8 @@ from calib.geometry.se3 import (
     pose_to_quat,
     so3_exp,
 )
+from calib.initial_guess.lidar_matching import find_lidar_pose
+from calib.sensors.lidar.clouds.cloud_messages import LidarPoints
 from calib.sensors.lidar.lidar_model import LidarModel
 from calib.targets.board import Board
 from calib.views.initial_guess_frames import FrameSample
@@ -73,6 +75,20 @@ def seen():
 
 def test_a_right_config_of_a_lidar_has_no_mistake(seen):
     assert find_mistake(*seen, 3) is None
+
+
+def test_the_pose_of_a_lidar_is_found_in_scans_as_they_are_read(seen):
+    """Scans as read_points returns them, with rings, times and intensities; within 2 cm."""
+    stated, _ = seen
+    samples = [FrameSample(k, "plate", k, T @ T_BODY_PLATE) for k, T in stated.T_robot_body.items()]
+
+    def read_frame(k):
+        xyz = scan_of(invert_pose(T_ROBOT_LIDAR) @ samples[k].T_robot_target)
+        none = np.zeros(len(xyz))
+        return LidarPoints(xyz.astype(np.float32), none - 1, none, none)
+
+    found = find_lidar_pose(LIDAR, stated.targets, samples, read_frame, GUESS_OPTIONS)
+    np.testing.assert_allclose(found.value[:3, 3], T_ROBOT_LIDAR[:3, 3], atol=0.02)
 
 
 def test_an_inverted_pose_of_a_lidar_is_named_with_the_pose_to_write(seen):
