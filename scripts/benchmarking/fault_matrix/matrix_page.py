@@ -72,13 +72,13 @@ def _fault_cells(row: RowResult) -> list[str]:
     if row.stopped:
         return [row.name, row.size, "–", "stopped", "–", "–", _cell(row.stopped), "–", "–", "–"]
     after = [d for d in row.after if d]
-    named = sum(d.names(row.causes) for d in row.before)
+    named = f"{sum(d.names(row.causes) for d in row.before)} of {len(row.before)}"
     return [
         row.name,
         row.size,
         str(len(row.before)),
         _levels(row.before),
-        f"{named} of {len(row.before)}" if row.causes else "–",
+        named if row.causes and any(d.first for d in row.before) else "–",
         _median_error(row.before),
         _said(row.before),
         _advice(row.before),
