@@ -90,7 +90,11 @@ def parse_benchmark_arguments(argv: list[str] | None) -> argparse.Namespace:
         metavar="FOLDER",
         help="folders of finished runs on real recordings, for the table of split halves",
     )
-    add("--keep-logs", action="store_true", help="use the logs of an earlier run in WORK")
+    add(
+        "--keep-logs",
+        action="store_true",
+        help="use the logs, and the draws of halves, of an earlier run in WORK",
+    )
     return parser.parse_args(argv)
 
 
@@ -228,6 +232,8 @@ def main(argv: list[str] | None = None) -> None:
     lines, speeds, found = measure_accuracy(args.work.resolve(), *sizes, args)
     rooms = list(HALVED_RIGS)[:1] if args.quick else list(HALVED_RIGS)
     halved, seeds = args.work.resolve() / "halves", 0 if args.quick else 3
+    if not args.keep_logs:
+        shutil.rmtree(halved, ignore_errors=True)
     sections = [
         measure_section(halved, args.recordings, rooms, draws=4 if args.quick else 30, seeds=seeds),
         build_lab_section(measure_lab_faults(args.work.resolve() / "lab", args.quick, args)),

@@ -3,7 +3,8 @@
 Run    PYTHONPATH=scripts python -m benchmarking.split_halves.split_half_page WORK
 Does   simulates rooms, calibrates them, draws halves of their placements and of those of
        --recordings, folders of finished runs, and puts the section into the page.
-       WORK keeps recordings and draws: a second run goes on where the first one stopped
+       WORK keeps recordings and draws: a second run goes on where the first one stopped.
+       Remove it to measure anew
 """
 
 import argparse
