@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import shorten
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from benchmarking.page.markdown import (
 
 PAGE_TEMPLATE = Path(__file__).with_suffix(".md.j2")
 MATRIX_HEADING = "## Fault matrix"
-MAX_WORDS = 110  # letters of a finding that a cell shows
+MAX_CELL_LETTERS = 110  # of a finding that a cell shows
 COLUMNS = (
     "fault", "size", "draws", "pass / warn / fail", "cause named first", "worst error, median",
     "said first", "first advice", "after it", "worst error then",
@@ -109,8 +110,8 @@ def _said(draws: Sequence[DrawOutcome]) -> str:
 
 
 def _cell(text: str) -> str:
-    words = " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
-    return words if len(words) <= MAX_WORDS else f"{words[:MAX_WORDS]} …"
+    words = shorten(text, MAX_CELL_LETTERS, placeholder=" …")
+    return words.replace("|", "\\|").replace("<", "&lt;")
 
 
 def _advice(draws: Sequence[DrawOutcome]) -> str:
