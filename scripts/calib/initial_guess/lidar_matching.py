@@ -95,10 +95,10 @@ def match_pose(
     tolerance, n_required = PoseTolerance.from_options(options), options["min_placements"]
     n_found = len(np.unique(matches.placement))
     T = hypothesize_poses(matches, tolerance)
-    if len(T) == 0:
+    score = np.array([score_pose(matches, pose, tolerance) for pose in T])
+    if score.max(initial=0.0) == 0:
         counts = SearchCounts(0, 0, n_found, n_searched, n_required)
         return PoseGuess(status=no_consensus_status(description, counts))
-    score = np.array([score_pose(matches, pose, tolerance) for pose in T])
     best = T[score.argmax()]
     is_rival = ~is_near_pose(T, best, tolerance.scaled(2))
     rival_score = score[is_rival].max() if is_rival.any() else 0.0

@@ -18,6 +18,7 @@ from calib.geometry.se3 import (
     pose_to_quat,
     so3_exp,
 )
+from calib.initial_guess import lidar_matching
 from calib.initial_guess.lidar_matching import find_lidar_pose
 from calib.sensors.lidar.clouds.cloud_messages import LidarPoints
 from calib.sensors.lidar.lidar_model import LidarModel
@@ -89,6 +90,12 @@ def test_the_pose_of_a_lidar_is_found_in_scans_as_they_are_read(seen):
 
     found = find_lidar_pose(LIDAR, stated.targets, samples, read_frame, GUESS_OPTIONS)
     np.testing.assert_allclose(found.value[:3, 3], T_ROBOT_LIDAR[:3, 3], atol=0.02)
+
+
+def test_poses_that_no_candidate_agrees_with_give_no_pose(seen, monkeypatch):
+    stated, sightings = seen
+    monkeypatch.setattr(lidar_matching, "score_pose", lambda *arguments: 0.0)
+    assert sightings.agree(replace(stated, T_robot_sensor=None)).T_robot_sensor is None
 
 
 def test_an_inverted_pose_of_a_lidar_is_named_with_the_pose_to_write(seen):
