@@ -30,6 +30,7 @@ DEFAULT_PRIOR_SIGMA = 0.3
 STEP_IN_PRIOR_SIGMA = 1e-4  # finite difference
 MAX_INTRINSICS_SIGMA_RATIO = 0.5  # σ of fx, fy, cx, cy over the prior's: refused above this
 FINITE_STEP_PX = 1e-4
+MAX_FOCAL_SHARE = 0.5  # relative error of a focal length, beyond which its derivatives do not hold
 
 
 class IntrinsicsEstimate(NamedTuple):
@@ -136,6 +137,7 @@ class FocalLengthCorrection(SensorCorrection):
 
     name = "focal_length"
     n_values = 1
+    max_size = MAX_FOCAL_SHARE
     fx_px: float
 
     def derivative(self, linearization: GroupLinearization) -> np.ndarray:
