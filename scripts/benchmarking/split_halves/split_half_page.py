@@ -8,7 +8,7 @@ Does   simulates rooms, calibrates them, draws halves of their placements and of
 """
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -52,12 +52,21 @@ def simulate_rooms(work: Path, rooms: Sequence[str], has_kept_logs: bool) -> lis
     """Simulate and calibrate rooms of HALVED_RIGS; return their folders."""
     folders = []
     for title in rooms:
-        folder, words = work / title.replace(",", "").replace(" ", "_"), HALVED_RIGS[title].split()
+        folder, words = work / room_folder(title), HALVED_RIGS[title].split()
         simulate_log(folder, words, has_kept_logs)
         rig = words[words.index("--rig") + 1]
         make_with_snakemake(folder, [f"results/{rig}/solution.json"], 1)
         folders.append(folder)
     return folders
+
+
+def room_folder(title: str) -> str:
+    """Return the name of the folder of a room."""
+    return title.replace(",", "").replace(" ", "_")
+
+
+def _format_folders(folders: Iterable[str]) -> str:
+    return "; ".join(name.replace("_", " ") for name in folders) or "none"
 
 
 def format_split_half_table(draws_by_title: dict[str, list[SplitHalfDraw]]) -> str:
@@ -99,11 +108,15 @@ def build_split_half_section(
     draws_by_title: dict[str, list[SplitHalfDraw]], outcomes: Sequence[KnownErrorOutcome]
 ) -> PageSection:
     """Return the section of the page on split halves and known errors."""
+    folders = list(dict.fromkeys(title.split(", ")[0] for title in draws_by_title))
+    rooms = {room_folder(title) for title in HALVED_RIGS}
     missed = [*check_split_half_goals(draws_by_title), *check_known_error_goals(outcomes)]
     text = render_markdown(
         PAGE_TEMPLATE,
         table=format_split_half_table(draws_by_title),
-        errors=format_known_error_table(outcomes),
+        errors=format_known_error_table(outcomes) if outcomes else "",
+        real=_format_folders(f for f in folders if f not in rooms),
+        simulated=_format_folders(f for f in folders if f in rooms),
         low=NEES_GOAL[0],
         high=NEES_GOAL[1],
         most=RATIO_GOAL,

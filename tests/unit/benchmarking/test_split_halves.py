@@ -38,6 +38,10 @@ def test_the_table_has_means_median_how_often_halves_chose_alike_and_the_earlier
     assert "| board bowed | lidar | 2 | 1.1 | 1.4 | 1 |" in text
 
 
+def test_a_quick_section_says_nothing_of_errors_that_were_not_measured():
+    assert "known" not in build_split_half_section(DRAWS, []).text
+
+
 def test_what_misses_a_goal_is_told_by_name():
     (missed,) = check_split_half_goals(DRAWS)
     assert missed == "split halves of acfr_vlp16, car: left has 1.7, goal 0.5 to 1.5"
