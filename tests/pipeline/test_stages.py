@@ -255,7 +255,7 @@ def test_export_refuses_a_failed_verdict_and_removes_what_stood_there(here, tmp_
     calibration = read_json("results/sim/calibration.json")
     write_json(tmp_path / "c.json", calibration)
     write_json(tmp_path / "v.json", {"verdict": "fail", "reasons": ["velodyne: too bad"]})
-    old = tmp_path / "export" / "stale.yaml"
+    old = tmp_path / "export" / "README.md"
     old.parent.mkdir()
     old.write_text("stale")
     arguments = ["--calibration", tmp_path / "c.json", "--verdict", tmp_path / "v.json"]

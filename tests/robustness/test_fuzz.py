@@ -143,7 +143,8 @@ def test_a_name_that_would_leave_its_folder_is_refused(where, name, tmp_path):
     for path, content in good.items():
         (tmp_path / path).parent.mkdir(exist_ok=True)
         (tmp_path / path).write_text(yaml.safe_dump(content))
-    with pytest.raises(InputError, match="is not a valid name|is a reserved name"):
+    words = "is not a valid name|is a reserved name|holds a line break or another control character"
+    with pytest.raises(InputError, match=words):
         load_config(settings, tmp_path)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from calib.io.safe_names import plain_text
+from calib.io.safe_names import plain_path
 from calib.io.status import InputError
 
 DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT)
@@ -99,7 +99,7 @@ def _remove_own_files(folder: Path, is_own: Callable[[str], bool]) -> None:
         name = entry.relative_to(folder).as_posix()
         if not (stat.S_ISDIR(mode) or (stat.S_ISREG(mode) and is_own(name))):
             raise InputError(
-                f"{plain_text(str(entry))}: not written by this pipeline, so it is not removed. "
+                f"{plain_path(entry)}: not written by this pipeline, so it is not removed. "
                 "Move it away and run again."
             )
     for entry in [*entries, folder]:
@@ -128,9 +128,9 @@ def require_no_link_above(path: str | Path) -> None:
 def require_no_link(path: str | Path) -> None:
     """Raise InputError if a path is a symbolic link."""
     if os.path.islink(path):
-        target = plain_text(os.readlink(path))
+        target = plain_path(os.readlink(path))
         raise InputError(
-            f"{plain_text(str(path))}: a symbolic link to {target}. Nothing is written through "
+            f"{plain_path(path)}: a symbolic link to {target}. Nothing is written through "
             "links: remove it, and run in the folder that it leads to."
         )
 

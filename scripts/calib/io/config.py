@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import jsonschema
 import yaml
 
-from calib.io.safe_names import plain_text, replace_rig_names, safe_name
+from calib.io.safe_names import plain_path, plain_text, replace_rig_names, safe_name
 from calib.io.safe_yaml import load_yaml
 from calib.io.session_parts import cut_sessions
 from calib.io.status import InputError, did_you_mean
@@ -268,7 +268,7 @@ def _load_target(path: str) -> Config:
 def _require_valid_name(file: Path) -> None:
     """Raise InputError unless the stem of a file is a valid name."""
     for error in DefaultsValidator(load_schema("config")["$defs"]["name"]).iter_errors(file.stem):
-        raise InputError(_explain_error(error).replace("top level", plain_text(str(file)), 1))
+        raise InputError(_explain_error(error).replace("top level", plain_path(file), 1))
 
 
 def _select_names(

@@ -8,6 +8,7 @@ get two. Only the audit of a log shows the name as it was, escaped.
 import hashlib
 import re
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 from unicodedata import category
 
@@ -16,6 +17,7 @@ OTHER_LETTERS_PATTERN = re.compile(r"[^A-Za-z0-9_/.-]+")
 MAX_KEPT_CHARS = 64  # of a name that is replaced
 N_HASH_DIGITS = 16
 MAX_SHOWN_CHARS = 100
+MAX_SHOWN_PATH_CHARS = 4096  # paths are as long as this on Linux
 MAX_SHOWN_NAMES = 20  # of one log
 FORMAT_CHARACTERS = frozenset("<>&$`|\\")  # with a meaning in HTML, Markdown, shells or ROS launch
 
@@ -34,6 +36,11 @@ def plain_text(text: str, max_chars: int = MAX_SHOWN_CHARS) -> str:
     """Return a text as one line for messages, with what a page or a terminal would obey escaped."""
     line = "".join(_escape_special(c) for c in text[:max_chars])
     return line if len(text) <= max_chars else f"{line}..."
+
+
+def plain_path(path: str | Path) -> str:
+    """Return a path as plain_text, whole."""
+    return plain_text(str(path), MAX_SHOWN_PATH_CHARS)
 
 
 def _escape_special(character: str) -> str:

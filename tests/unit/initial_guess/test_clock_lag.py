@@ -8,6 +8,7 @@ from calib.geometry.units import NS_PER_S
 from calib.initial_guess.clock_lag import find_clock_lag, measure_motion
 from calib.io.status import MessageError
 from calib.mocap.body_trajectory import Trajectory
+from calib.sensors.lidar.clouds.cloud_messages import LidarPoints
 
 STATED = {"value": 0.0, "sigma": 0.05}
 RNG = np.random.default_rng(0)
@@ -40,7 +41,8 @@ def image(x, rng):
 def scan(x, rng):
     """What a lidar that has moved by x, m, towards a wall sees of it over 100 ms."""
     xyz = WALL + rng.normal(0, 0.01, WALL.shape) - [x, 0, 0]
-    return xyz, np.zeros(len(xyz), int), np.linspace(0, 1e8, len(xyz)).astype(np.int64)
+    dt = np.linspace(0, 1e8, len(xyz)).astype(np.int64)
+    return LidarPoints(xyz, np.zeros(len(xyz), int), dt, np.full(len(xyz), np.nan))
 
 
 def found(kind, late, hz=10, body=None, broken=(), stated=STATED):

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Protocol
 
 from calib.io.logs.bounded.decompression import COMPRESSED_SUFFIXES, decompress_files
-from calib.io.safe_names import NameGate, plain_text
+from calib.io.safe_names import NameGate, plain_path
 from calib.io.safe_yaml import load_yaml
 from calib.io.status import InputError
 
@@ -112,7 +112,7 @@ def _require_plain_path(path: Path) -> None:
     """Raise InputError if the path holds a line break or another control character."""
     if not str(path).isprintable():
         raise InputError(
-            f"{plain_text(str(path))}: a path with characters that cannot be shown. Rename the "
+            f"{plain_path(path)}: a path with characters that cannot be shown. Rename the "
             "file or folder."
         )
 

@@ -2,6 +2,7 @@
 
 import bz2
 import os
+import re
 import shutil
 import time
 
@@ -205,9 +206,8 @@ def test_a_foreign_serialisation_is_refused_by_name(tmp_path):
     [
         ("own_msgs/msg/Pose", b"!!!"),
         ("own_msgs/msg/Pose", b"float32 x\n" * 200_000),
-        ("own_msgs/msg/Pose:\n    pass\nimport os #", b"float32 x"),
     ],
-    ids=["no definition", "too long", "code for a name"],
+    ids=["no definition", "too long"],
 )
 def test_a_definition_that_is_none_is_refused(tmp_path, name, text):
     log = undefined(tmp_path / "a.mcap", name, b"\0\1\0\0" + bytes(8), form="ros2msg", text=text)
@@ -215,6 +215,15 @@ def test_a_definition_that_is_none_is_refused(tmp_path, name, text):
     for _ in range(2):
         with pytest.raises(InputError, match=expected):
             assert next(log.iter_messages(["/topic"])).content
+
+
+def test_of_code_in_the_name_of_a_type_a_safe_name_is_left(tmp_path):
+    name = "own_msgs/msg/Pose:\n    pass\nimport os #"
+    content = b"\0\1\0\0" + np.float32(1.5).tobytes()
+    log = undefined(tmp_path / "a.mcap", name, content, form="ros2msg", text=b"float32 x")
+    ((safe, _),) = log.topics.values()
+    assert re.fullmatch(r"own_msgs/msg/Pose_pass_import_os__[0-9a-f]{16}", safe)
+    assert next(log.iter_messages(["/topic"])).content.x == 1.5
 
 
 def test_a_message_that_does_not_fit_its_definition_is_refused_with_its_type(tmp_path):
