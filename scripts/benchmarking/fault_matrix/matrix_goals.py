@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import beta
 
 from benchmarking.fault_matrix.draw_outcome import DrawOutcome
 from benchmarking.fault_matrix.row_measurement import RowResult
@@ -12,6 +13,7 @@ MIN_CLEAN_PASS = 0.99
 MOVED_SIGMAS = 3.0  # from which a fault moves a pose
 MIN_WARNED, MIN_NAMED = 0.99, 0.90
 WRONG_SIGMAS = 5.0  # from which an estimate is wrong
+CONFIDENCE = 0.95  # of the least share that draws show
 CURED_SHARE = 0.5  # of an error before the advice, that a cure leaves at most
 
 
@@ -100,7 +102,13 @@ def _share_line(goal: str, found: Iterable[tuple[RowResult, bool]], min_share: f
     for row, ok in found:
         short.setdefault(row.title, []).append(ok)
     names = [f"{title} {len(v) - sum(v)} of {len(v)}" for title, v in short.items() if not all(v)]
-    measured = f"{good} of {len(found)} draws, {good / len(found):.1%}"
+    least = least_share(good, len(found))
+    measured = f"{good} of {len(found)} draws, {good / len(found):.1%}, at least {least:.1%}"
     if names:
         measured += f"; short: {', '.join(names)}"
     return GoalLine(goal, measured, good >= min_share * len(found))
+
+
+def least_share(n_good: int, n: int) -> float:
+    """Return the least share of good draws that n_good of n show (Clopper and Pearson 1934)."""
+    return float(beta.ppf(1 - CONFIDENCE, n_good, n - n_good + 1)) if n_good else 0.0

@@ -8,7 +8,12 @@ from textwrap import shorten
 import numpy as np
 
 from benchmarking.fault_matrix.draw_outcome import DrawOutcome
-from benchmarking.fault_matrix.matrix_goals import MOVED_SIGMAS, WRONG_SIGMAS, check_goals
+from benchmarking.fault_matrix.matrix_goals import (
+    CONFIDENCE,
+    MOVED_SIGMAS,
+    WRONG_SIGMAS,
+    check_goals,
+)
 from benchmarking.fault_matrix.row_measurement import RowResult
 from benchmarking.page.markdown import (
     format_markdown_table,
@@ -61,6 +66,7 @@ def render_matrix(clean: list[RowResult], faulty: list[RowResult], n_missing: in
         n_clean_draws=sum(len(r.before) for r in clean),
         moved=MOVED_SIGMAS,
         wrong=WRONG_SIGMAS,
+        confidence=round(100 * CONFIDENCE),
     )
 
 

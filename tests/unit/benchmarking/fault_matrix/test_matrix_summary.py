@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from benchmarking.fault_matrix.draw_outcome import DrawOutcome, read_draw_outcome
-from benchmarking.fault_matrix.matrix_goals import check_goals, is_hidden
+from benchmarking.fault_matrix.matrix_goals import check_goals, is_hidden, least_share
 from benchmarking.fault_matrix.matrix_page import (
     MATRIX_HEADING,
     render_matrix,
@@ -69,7 +69,14 @@ def test_all_goals_are_met_by_clean_passes_and_a_fault_that_is_named_and_cured()
 def test_a_wrong_pass_fails_three_goals_and_is_shown_by_name():
     lines = check_goals([CLEAN], [make_row([outcome("pass", WRONG)])])
     assert [line.is_met for line in lines[:4]] == [True, False, False, False]
-    assert lines[3].measured == "1 of 2 draws, 50.0%; short: squares, 2 % 1 of 1"
+    assert lines[3].measured == "1 of 2 draws, 50.0%, at least 2.5%; short: squares, 2 % 1 of 1"
+
+
+@pytest.mark.parametrize(("n_good", "n", "share"), [(299, 299, 0.99), (6, 6, 0.607), (0, 5, 0.0)])
+def test_draws_that_are_all_good_show_a_share_of_5_percent_to_the_power_of_1_over_n(
+    n_good, n, share
+):
+    assert least_share(n_good, n) == pytest.approx(share, abs=5e-4)
 
 
 def test_a_fault_that_moves_nothing_need_not_be_named():
