@@ -94,7 +94,7 @@ def test_without_outlines_the_lidar_moves_by_its_sigma_at_most(result, without_o
 
 def test_what_the_lidar_does_wrong_is_estimated_and_named(result):
     named = {c["name"] for c in result["sensors"]["velodyne"]["corrections"]}
-    assert named == {"beam_offsets", "beam_width", "dark_ranges", "outline_vs_surface"}
+    assert named == {"beam_offsets", "beam_width", "intensity_ranges", "outline_vs_surface"}
     assert any("put it elsewhere than its returns do" in r for r in result["reasons"])
 
 

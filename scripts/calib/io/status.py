@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 from unicodedata import category
 
@@ -35,7 +35,7 @@ class Status:
     found: str = ""
     expected: str = ""
     remedy: str = ""
-    change: ConfigChange | None = None
+    change: ConfigChange | None = field(default=None, hash=False)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as written into JSON."""
