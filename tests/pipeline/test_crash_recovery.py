@@ -161,10 +161,12 @@ def test_a_disk_that_fills_is_one_clear_line_and_made_up_for_by_the_same_command
     page, half = os.sysconf("SC_PAGE_SIZE"), max(sizes(finished_run_copy, stage)) // 2
     without(finished_run_copy, stage)
     env = disaster(work, stage, FILL, free=half // page * page)
-    for name in ("mnt", "full", "after"):
+    for name in ("full", "after"):
         (work / name).mkdir()
-    paths = [work / "mnt", finished_run_copy, *(work / n / "results" for n in ("full", "after"))]
-    script = ["unshare", "-rm", "sh", "-c", DISK, "sh", *paths, *command(work / "mnt", stage)]
+    # As deep as the finished run: Snakemake keeps the paths of the code relative to the run.
+    disk = tmp_path_factory.mktemp("mnt")
+    paths = [disk, finished_run_copy, *(work / n / "results" for n in ("full", "after"))]
+    script = ["unshare", "-rm", "sh", "-c", DISK, "sh", *paths, *command(disk, stage)]
     done = subprocess.run(script, env=env, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     said = (work / "full/results.err").read_text()
