@@ -68,6 +68,7 @@ def test_without_noise_the_camera_is_right_to_0_1_mm_and_0_005_deg(exact):
     assert millimetres < 0.1 and degrees < 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensor", ["camera", "velodyne"])
 def test_with_noise_the_error_is_within_3_sigma_in_every_direction(noisy, sensor):
     error, covariance = errors(noisy)[sensor]
@@ -76,12 +77,14 @@ def test_with_noise_the_error_is_within_3_sigma_in_every_direction(noisy, sensor
     assert error @ np.linalg.solve(covariance, error) < 22.5
 
 
+@pytest.mark.slow
 def test_with_noise_sigma_is_below_a_millimetre_and_not_below_the_mcs_bias_averaged(noisy):
     for _, covariance in errors(noisy).values():
         sigma = np.sqrt(np.diag(covariance))
         assert 0.0001 / np.sqrt(20) < sigma[:3].max() < 0.001
 
 
+@pytest.mark.slow
 def test_the_range_noise_and_the_corner_noise_are_found(noisy):
     noise = json.loads((noisy / OUTPUT).read_text())["noise"]["sensors"]
     assert noise["velodyne"]["target_surface"] == pytest.approx(0.01, rel=0.03)

@@ -220,6 +220,7 @@ def test_a_wrong_key_is_refused_with_its_path_and_the_nearest_name(finished_run_
     assert "Did you mean range_sigma_m?" in text
 
 
+@pytest.mark.slow
 def test_a_failed_verdict_removes_stale_exports_and_says_why_last(finished_run_copy):
     assert (finished_run_copy / "results/sim/export/static_transforms.yaml").exists()
     edit_yaml(

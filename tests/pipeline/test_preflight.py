@@ -188,6 +188,7 @@ def test_messages_from_another_time_than_the_poses_fail(copied):
     }
 
 
+@pytest.mark.slow
 def test_one_placement_at_rest_supports_nothing(tmp_path):
     arguments = SMALL_ARGUMENTS.replace("--placements 4", "--placements 1")
     code, found, *_ = preflight(simulate_into(tmp_path, arguments))

@@ -61,6 +61,7 @@ def test_a_choice_of_one_half_adds_half_of_what_it_moves_squared(with_beams):
     np.testing.assert_allclose(found, added(with_beams, NONE, BEAMS), atol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_mount_that_one_half_adopts_is_compared_with_the_configured_one():
     """The board sits 12 mm, 1° from where the config says: ½ of 12 mm squared, in x, to 20 %."""
     T = se3_exp(np.array([0.012, 0, 0, 0.017, 0, 0]))

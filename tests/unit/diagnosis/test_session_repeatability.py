@@ -31,6 +31,7 @@ def test_poses_of_sensors_that_stay_repeat_by_their_sigma():
     assert min(chances) > 1e-3 and 0.25 < np.mean(chances) < 0.75
 
 
+@pytest.mark.slow
 def test_a_camera_that_was_bumped_between_sessions_is_told_from_a_lidar_that_was_not():
     rows = {
         (r["session"], r["sensor"]): r

@@ -175,6 +175,7 @@ def test_the_result_does_not_depend_on_where_it_starts():
         assert np.abs(se3_log(apart)).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_the_errors_over_30_noise_draws():
     """The mean of eᵀΣ⁻¹e over both sensors is chi-square distributed with 12 degrees of freedom.
 

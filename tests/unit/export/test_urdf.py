@@ -362,6 +362,7 @@ def test_a_failed_verdict_leaves_the_urdf_as_it_was(mounted):
     assert (mounted / "robot.urdf").read_text() == ROBOT
 
 
+@pytest.mark.slow
 def test_a_urdf_in_which_no_sensor_can_be_placed_ends_the_run_with_the_reason(mounted):
     edit_yaml(simulated_rig_path(mounted), lambda r: r["export"]["parent"].update(frame="base"))
     run = run_snakemake(mounted)
@@ -374,6 +375,7 @@ def test_a_urdf_in_which_no_sensor_can_be_placed_ends_the_run_with_the_reason(mo
     assert (mounted / "robot.urdf").read_text() == ROBOT
 
 
+@pytest.mark.slow
 def test_guesses_come_from_the_urdf_as_it_was_before_the_calibration(mounted, monkeypatch):
     def forget(r):
         r["guess_from"] = "robot.urdf"

@@ -265,6 +265,7 @@ def test_clocks_that_wander_are_found_with_drift_and_offset_of_every_session():
         assert first["value"] == pytest.approx(found["s"]["time_offset_s"]["value"], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_target_whose_poses_come_late_by_a_stream_of_their_own_is_found_with_both_clocks():
     """The robot rolls and the board swings; its stamps are 12 ms early, those of sensors 20 ms."""
     made, lag = recorded(0.0, views=30), 0.012
